@@ -30,7 +30,7 @@ class Population:
         buses: on the roads.
         motorcycles: on the roads.
         bicycles: on the edge of lanes or with pedestrians, as the place has it.
-        scooters: as bicycles.
+        scooters: in the same places.
         children: on foot.
         drones: agents in the air with sensors that look down.
         parked: vehicles at the kerb, where the place has bays.
@@ -138,11 +138,7 @@ class Population:
 
 
 def require_one_of_each(numbers: Mapping[str, Any]) -> None:
-    """Refuse a number together with the one that overrides it.
-
-    Raises:
-        InvalidValueError: both are given.
-    """
+    """Raise an InvalidValueError for a number together with the one that overrides it."""
     for number, other in _OVERRIDES.items():
         if number in numbers and numbers.get(other) is not None:
             raise InvalidValueError(f"{other} takes the place of {number}: one of them is accepted, got both")

@@ -14,11 +14,16 @@ from coopsim.support.checks import require_choice, require_non_negative
 from coopsim.support.registry import Registry
 from coopsim.world.furniture.furnish import furnished_for
 from coopsim.world.models import Model, make_models
+from coopsim.world.places.crossings import (
+    make_crossing,
+    make_occluded_crossing,
+    make_parking_street,
+    make_roundabout,
+    make_t_junction,
+)
 from coopsim.world.places.highway import make_highway, make_platoon
-from coopsim.world.places.junctions import make_crossing, make_roundabout, make_t_junction
 from coopsim.world.places.layout import Layout
 from coopsim.world.places.merge import make_merge
-from coopsim.world.places.parking_street import make_occluded_crossing, make_parking_street
 from coopsim.world.places.urban_grid import make_urban_grid
 from coopsim.world.population import Population, require_one_of_each
 from coopsim.world.snapshot import StaticPart
@@ -36,7 +41,7 @@ class Scenario:
         layout: the place.
         population: the requested numbers, as far as they fit.
         detail: one of `DETAILS`.
-        description: of the place, as plain data that `coopsim.world.custom.place` reads; None: it is built in.
+        description: plain data that `coopsim.world.custom.place` reads; None: the place is built in.
         place_seed: seed that the place was drawn from; None: it was not drawn.
 
     Warns:
@@ -110,11 +115,10 @@ class Place:
     """A place with its usual population.
 
     Attributes:
-        name: of the scenario.
+        name: name of the scenario.
         make_layout: builds the layout.
         population: its usual numbers.
-        description: the place as plain data, as under `place` in a scenario file, not to be changed; None: it is
-            built in.
+        description: plain data as under `place` in a scenario file, not to be changed; None: the place is built in.
     """
 
     name: str
@@ -179,15 +183,7 @@ def make_scenario(place: str | Place, *, density: float = 1.0, detail: str | Non
 def wanted_numbers(name: str, usual: Population, density: float, numbers: Mapping[str, Any]) -> dict[str, Any]:
     """Return all fields of a `Population`, those in `numbers` instead of usual ones, times the density.
 
-    Args:
-        name: of the scenario, for errors.
-        usual: the scenario's own.
-        density: as of `make_scenario`.
-        numbers: as of `make_scenario`.
-
-    Raises:
-        UnknownNameError: no such number.
-        InvalidValueError: a number together with the one that overrides it, or a density that is not accepted.
+    Arguments and errors are those of `make_scenario`; `name` is for errors.
     """
     known = [field.name for field in fields(Population)]
     for number in numbers:
@@ -213,7 +209,7 @@ class EpisodeScenarios(ABC):
     """The scenarios of an environment's episodes, whose agents have the same names in all of them.
 
     Attributes:
-        name: of the environment's scenario.
+        name: name of the environment's scenario.
         most_actors: the largest number of actors in any of them; None: as many as are there at the start.
     """
 
@@ -226,11 +222,7 @@ class EpisodeScenarios(ABC):
 
 
 class SameScenario(EpisodeScenarios):
-    """The same scenario in all episodes.
-
-    Args:
-        scenario: the place and its population.
-    """
+    """The same scenario in all episodes."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.name, self._scenario = scenario.name, scenario

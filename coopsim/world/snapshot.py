@@ -102,7 +102,7 @@ class AgentBody:
         kind: "cav", "rsu" or "drone".
         actor_id: actor that carries the agent; None for a roadside unit or a drone.
         world_SE3_base: true pose of the base frame (origin on the ground under the agent).
-        height_m: of the agent's body, or of a drone over the ground; sensors are mounted on top.
+        height_m: the agent's body's, or a drone's over the ground; sensors are mounted on top.
     """
 
     name: str
@@ -122,7 +122,7 @@ class StaticPart:
         faces: (F, 3) int, counter-clockwise from outside.
         color: (3,) uint8.
         reflectivity: in [0, 1], of retro-reflectors above (see `coopsim.world.models.model.BRIGHTEST`).
-        closed: whether the faces enclose a volume, their outer sides outward; None: to be found from them.
+        closed: the faces enclose a volume, their outer sides outward; None: to be found from them.
         boxes: (K, 7) upright boxes that stand for the part where no rays are cast; None: those around its closed
             components.
         opacity: share of the light through such a box that is stopped: less than 1 for foliage.

@@ -35,7 +35,7 @@ class World:
     Args:
         scenario: place and population.
         seed: decides everything that happens.
-        policy_control: whether connected cars obey the maneuvers given to `step`, instead of driving by themselves.
+        policy_control: connected cars obey the maneuvers given to `step`, instead of driving by themselves.
         traffic: engine of the vehicles, one of `coopsim.world.traffic.traffic.ENGINES`.
     """
 
@@ -70,9 +70,7 @@ class World:
     def step(self, dt_s: float, maneuvers: Mapping[str, int] | None = None) -> None:
         """Advance by `dt_s`, in equal parts short enough for drivers to react.
 
-        Args:
-            dt_s: time step.
-            maneuvers: indices into `coopsim.types.maneuvers.MANEUVERS` by agent's name, under policy control.
+        `maneuvers` are indices into `coopsim.types.maneuvers.MANEUVERS` by agent's name, under policy control.
         """
         obeyed = (maneuvers or {}) if self._policy_control else {}
         by_number = {int(name.removeprefix("cav_")): obeyed[name] for name in obeyed}

@@ -24,15 +24,12 @@ _START_M = 14.0  # the longest bus, and the variation of its start
 _LANE_APART_M = 2.0  # vehicles are wider, but side by side in two lanes they do not obstruct each other
 
 
-class Kerbs:
+class MiddleLines:
     """Distances from the middle lines of roads.
 
-    Args:
-        roads: of the place.
-
     Attributes:
-        starts: (S, 2) m of the segments of all middle lines.
-        ends: (S, 2) m of the same.
+        starts: (S, 2) m, first points of the segments of all middle lines.
+        ends: (S, 2) m, their last points.
     """
 
     def __init__(self, roads: Roads) -> None:
@@ -44,17 +41,15 @@ class Kerbs:
         self._road = np.repeat(np.arange(len(lines)), counts)
         self._entries = [roads.entry[road] for road, _ in lines]
 
-    def require_beside(self, points: Floats, entry: Entry, what: str, least_m: float | None = None) -> None:
-        """Refuse points (N, 2) m that are on a road.
+    def are_met(self, points: Floats) -> bool:
+        """Return whether one of `points` (N, 2) m is on a road."""
+        return _worst(points, self.starts, self.ends, self._half_m)[0] >= 0
 
-        Args:
-            points: of the object.
-            entry: its description in the file.
-            what: the object, for the error.
-            least_m: required distance from the middle of a lane; None: half the lane's width.
+    def require_off_roads(self, points: Floats, entry: Entry, what: str, least_m: float | None = None) -> None:
+        """Raise an error if one of `points` (N, 2) m of an object is on a road.
 
-        Raises:
-            ScenarioFileError: a point is on a road.
+        They must be `least_m` from the middle of every lane; None: half the lane's width. `what` is the object's name
+        in the error.
         """
         least = self._half_m if least_m is None else np.full(len(self._half_m), least_m)
         segment, distance_m = _worst(np.ascontiguousarray(points), self.starts, self.ends, least)
@@ -73,13 +68,9 @@ class Kerbs:
 
 @njit(cache=True, nogil=True)
 def _worst(points: Floats, start: Floats, end: Floats, least_m: Floats) -> tuple[int, float]:
-    """Return the segment to whose least distance a point comes shortest, and how near it is; -1: none comes short.
+    """Return the segment that points (N, 2) come too near to by most, and their distance from it; -1 if there is none.
 
-    Args:
-        points: (N, 2) m.
-        start: (S, 2) m of segments.
-        end: (S, 2) m of the same.
-        least_m: (S,) of the same.
+    Segments lead from `start` (S, 2) m to `end` (S, 2) m, and `least_m` (S,) are their least distances.
     """
     worst, worst_m, near_m = -1, 0.0, np.inf
     low_x, low_y, high_x, high_y = points[:, 0].min(), points[:, 1].min(), points[:, 0].max(), points[:, 1].max()
@@ -124,15 +115,11 @@ def _spaced(corners: Floats) -> Floats:
     return points
 
 
-def require_space_to_park(bays: Sequence[Bay], entries: Sequence[Entry], kerbs: Kerbs) -> None:
-    """Refuse bays whose vehicles would stand on a road, or in a vehicle in another bay.
-
-    Raises:
-        ScenarioFileError: names the file and both lines.
-    """
+def require_space_to_park(bays: Sequence[Bay], entries: Sequence[Entry], middles: MiddleLines) -> None:
+    """Raise a ScenarioFileError for a bay whose vehicle would stand on a road, or in a vehicle in another bay."""
     rows = np.array([_footprint(bay) for bay in bays]).reshape(-1, 7)
     for entry, corners in zip(entries, Boxes3D.from_array(rows).corners[:, :4, :2], strict=True):
-        kerbs.require_beside(along_outline(corners), entry, "the side of the parked vehicle", _PASSING_M)
+        middles.require_off_roads(along_outline(corners), entry, "the side of the parked vehicle", _PASSING_M)
     rows[:, 3:5] += 2 * PARKED_ASIDE_M
     pair = _overlapping(rows)
     if pair is not None:
@@ -144,11 +131,7 @@ def require_space_to_park(bays: Sequence[Bay], entries: Sequence[Entry], kerbs: 
 
 
 def require_space_to_start(slots: Sequence[StartSlot], entries: Sequence[Entry], roads: Roads) -> None:
-    """Refuse starts across another start's lane.
-
-    Raises:
-        ScenarioFileError: names the file and both lines.
-    """
+    """Raise a ScenarioFileError for a start across another start's lane."""
     rows = np.zeros((len(slots), 7))
     for row, slot in zip(rows, slots, strict=True):
         lane = roads.network.get_lane(slot.lane)
@@ -183,15 +166,9 @@ _ROUNDING_M = 2e-3  # that a corner may lie inwards of its neighbours: coordinat
 
 
 def read_convex(entry: Entry, advice: str = "write another shape as several") -> Floats:
-    """Return the corners (K, 2) m of a convex outline, counter-clockwise.
+    """Return the corners (K, 2) m of a convex outline, counter-clockwise, from a list in either direction.
 
-    Args:
-        entry: the list of corners, either way round.
-        advice: what to do with other shapes, for the error.
-
-    Raises:
-        CoopsimError: of the entry's class: there are fewer than three corners, two in one place, or they are not those
-            of a convex shape.
+    An error about another shape ends with `advice`.
     """
     corners = entry.points(3)
     way = _way_round(corners)

@@ -23,7 +23,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between, require_finite_number
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
-from coopsim.world.custom.clearance import Kerbs, read_convex
+from coopsim.world.custom.clearance import MiddleLines, read_convex
 from coopsim.world.custom.groundworks import Groundworks
 from coopsim.world.custom.roads import Roads
 from coopsim.world.places.layout import flat_part
@@ -35,11 +35,7 @@ GROUND_KEYS = ("kerb_m", "crown", "humps", "wet")
 
 
 def read_ground(fields: Mapping[str, Entry], network: RoadNetwork) -> Groundworks:
-    """Read the ground from the keys of a place.
-
-    Raises:
-        CoopsimError: of the entries' class; it says where the mistake is.
-    """
+    """Read the ground from the keys of a place."""
     kerb_m = float(fields["kerb_m"].checked(require_between, 0, 0.3)) if "kerb_m" in fields else 0.0
     crown = float(fields["crown"].checked(require_between, 0, 0.05)) if "crown" in fields else 0.0
     humps = [_hump(item, network) for item in fields["humps"].entries()] if "humps" in fields else []
@@ -80,9 +76,9 @@ class Paving:
     """A kind of surface.
 
     Attributes:
-        field: of `RoadMap` that its outlines belong to.
-        z_m: its height.
-        color: of it.
+        field: field of `RoadMap` that holds its outlines.
+        z_m: height.
+        color: RGB.
         reflectivity: at 905 nm, in [0, 1].
     """
 
@@ -128,37 +124,27 @@ def paved_parts(paved: Mapping[str, list[Floats]]) -> list[StaticPart]:
 _LEAST_M = 0.5  # from the middle of a lane: pavements reach under the edges of lanes, in kinks by up to a metre
 
 
-def require_off_lanes(outlines: Sequence[Floats], paved: Entry, kerbs: Kerbs) -> None:
-    """Refuse raised pavements in the way of vehicles.
+def require_off_lanes(outlines: Sequence[Floats], paved: Entry, middles: MiddleLines) -> None:
+    """Raise an error if a raised pavement is in the way of vehicles: wheels and bumpers would stick in it.
 
-    Args:
-        outlines: convex, (K, 2) m, counter-clockwise.
-        paved: the list in the file with these outlines in their order, among others of other kinds.
-        kerbs: of the roads.
-
-    Raises:
-        CoopsimError: of the entry's class; it says where the mistake is.
+    `outlines` are convex, (K, 2) m, counter-clockwise, in the order of the list `paved`, which also has other kinds.
     """
     ends = np.cumsum([len(outline) for outline in outlines])
-    number, segment = _first_across(np.concatenate(outlines), ends, kerbs.starts, kerbs.ends, _LEAST_M)
+    number, segment = _first_across(np.concatenate(outlines), ends, middles.starts, middles.ends, _LEAST_M)
     if number >= 0:
         entries = [entry for entry in paved.entries() if entry.fields(("outline", "kind"))["kind"].text() == PAVEMENT]
         raise entries[number].error(
             f"a raised pavement must be at least {_LEAST_M:g} m from the middle of every lane, and this one is "
-            f"nearer to that of the road in {kerbs.spot(segment)}: move it, or give a crosswalk instead"
+            f"nearer to that of the road in {middles.spot(segment)}: move it, or give a crosswalk instead"
         )
 
 
 @njit(cache=True, nogil=True)
 def _first_across(corners: Floats, ends: Ints, start: Floats, end: Floats, least_m: float) -> tuple[int, int]:
-    """Return the first outline that is too near to a segment, and this segment; -1, -1: none is.
+    """Return the first outline that is nearer than `least_m` to a segment, and this segment; -1, -1 if there is none.
 
-    Args:
-        corners: (C, 2) m of all outlines, one after the other, each convex and counter-clockwise.
-        ends: (P,) number of the first corner behind each outline.
-        start: (S, 2) m of segments.
-        end: (S, 2) m of the same.
-        least_m: accepted distance.
+    `corners` (C, 2) m are those of all outlines, convex and counter-clockwise, and `ends` (P,) the first corner behind
+    each. Segments lead from `start` (S, 2) m to `end` (S, 2) m.
     """
     first = 0
     for number in range(len(ends)):

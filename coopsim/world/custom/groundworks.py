@@ -1,4 +1,7 @@
-"""What shapes the ground of a place, and its work on a layout."""
+"""The shape of the ground: Groundworks lay a place on kerbs, crowned roads, humps and water.
+
+Roads are crowned by carriageways: lanes that lie side by side, whichever way they lead, between two junctions.
+"""
 
 from __future__ import annotations
 
@@ -45,12 +48,7 @@ class Groundworks:
     wet: tuple[Floats, ...] = ()
 
     def applied(self, layout: Layout, flat: Collection[Road]) -> Layout:
-        """Return a layout on this ground; flat ground changes nothing.
-
-        Args:
-            layout: on flat ground.
-            flat: roads without a crown besides the layout's movements, as turning loops.
-        """
+        """Return a layout on this ground, without crowns on movements and `flat` roads; flat ground changes nothing."""
         if self.kerb_m == 0 and self.crown == 0 and not self.humps and not self.wet:
             return layout
         crowned = carriageways(layout.network, {*layout.movements, *flat}) if self.crown > 0 else []
@@ -136,11 +134,8 @@ def carriageways(network: RoadNetwork, flat: Collection[Road]) -> list[Carriagew
     """Return the carriageways of a place.
 
     Lanes are followed from node to node. Of those side by side the longest decides how far the carriageway goes. Where
-    lanes join or leave it on the way it ends, and another one begins. There is none beside flat roads, nor in forks.
-
-    Args:
-        network: all lanes.
-        flat: roads that belong to none, as movements over a junction.
+    lanes join or leave it on the way it ends, and another one begins. There is none beside `flat` roads, such as
+    movements over a junction, nor in forks.
     """
     lanes = network.lanes
     chains = _chains({index: lane for index, lane in lanes.items() if index[:2] not in flat})
@@ -162,15 +157,10 @@ def carriageways(network: RoadNetwork, flat: Collection[Road]) -> list[Carriagew
 
 
 def _runs(line: Floats, along_m: Floats, low: Floats, high: Floats, longest: Ints, rank: int) -> list[Carriageway]:
-    """Return the carriageways along a line (K, 2) whose place they have, as long as their edges stay where they are.
+    """Return the carriageways along a line (K, 2) of lanes of a rank, split where the lanes' edges move.
 
-    Args:
-        line: along the middles of lanes.
-        along_m: (P,) places on it.
-        low: (P,) m, the right edge from the line to its left.
-        high: (P,) m, the left edge.
-        longest: (P,) highest rank of the lanes side by side.
-        rank: of these lanes.
+    `along_m` (P,) are places on the line, `low` and `high` (P,) m the right and left edges from the line to its left,
+    and `longest` (P,) the highest rank of the lanes side by side.
     """
     at_m = np.concatenate([[0.0], np.cumsum(exact.norm(np.diff(line, axis=0), axis=1))])
     own = longest == rank
@@ -268,11 +258,8 @@ def _turn(lane: Lane, following: Lane) -> float:
 def _edges(places: Floats, pieces: Floats) -> tuple[Floats, Floats, Ints]:
     """Return right and left edge (P,) m and the highest rank (P,) of the lanes side by side at places on lanes.
 
-    Where lanes lie on one another, as in a fork, the rank is `_JUNCTION`.
-
-    Args:
-        places: (P, 5) x, y, direction, and half the lane's width.
-        pieces: (S, 6) start, end, half the width and rank of straight pieces of all lanes.
+    Where lanes lie on one another, as in a fork, the rank is `_JUNCTION`. Rows of `places` (P, 5) are x, y, direction
+    and half the lane's width, of `pieces` (S, 6) start, end, half the width and rank of straight pieces of all lanes.
     """
     low, high, longest = -places[:, 4], places[:, 4].copy(), np.full(len(places), -1)
     spans = np.empty((_MOST_LANES, 3))

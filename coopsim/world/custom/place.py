@@ -42,7 +42,7 @@ from coopsim.errors import InvalidValueError, ScenarioFileError
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.support.checks import require_between, require_count
 from coopsim.support.files import write_whole
-from coopsim.world.custom.clearance import Kerbs, require_space_to_park
+from coopsim.world.custom.clearance import MiddleLines, require_space_to_park
 from coopsim.world.custom.ground import (
     GROUND_KEYS,
     paved_parts,
@@ -93,7 +93,7 @@ def place_from(description: Mapping[str, Any], name: str) -> Place:
 
     Args:
         description: see the table above; tuples and numpy's numbers are accepted, too.
-        name: of the place.
+        name: name of the place.
 
     Raises:
         InvalidValueError: names the keys that lead to the mistake.
@@ -102,32 +102,24 @@ def place_from(description: Mapping[str, Any], name: str) -> Place:
 
 
 def read_place(entry: Entry, name: str) -> Place:
-    """Read a place.
-
-    Args:
-        entry: its description.
-        name: of the place.
-
-    Raises:
-        CoopsimError: of the entry's class; it says where the mistake is.
-    """
+    """Read a place; errors are of the entry's class, and say where the mistake is."""
     fields = entry.fields(("nodes", "roads"), KEYS)
     roads = read_roads(fields["nodes"], fields["roads"])
     starts = read_starts(roads, fields)
     walks = read_ways(fields["walks"], roads.network) if "walks" in fields else None
     rides = read_ways(fields["rides"], roads.network, one_way=True) if "rides" in fields else None
-    kerbs = Kerbs(roads)
-    buildings = _each(fields, "buildings", lambda item, k: read_building(item, k, kerbs))
-    walls = _each(fields, "walls", lambda item, _: read_wall(item, kerbs))
-    trees = _each(fields, "trees", lambda item, _: read_tree(item, kerbs))
+    middles = MiddleLines(roads)
+    buildings = _each(fields, "buildings", lambda item, k: read_building(item, k, middles))
+    walls = _each(fields, "walls", lambda item, _: read_wall(item, middles))
+    trees = _each(fields, "trees", lambda item, _: read_tree(item, middles))
     paved = read_paved(fields["paved"].entries() if "paved" in fields else ())
-    rsus = tuple(_each(fields, "rsus", lambda item, _: read_unit(item, kerbs)))
+    rsus = tuple(_each(fields, "rsus", lambda item, _: read_unit(item, middles)))
     mast_m = float(fields["mast_m"].checked(require_between, 1, 30)) if "mast_m" in fields else RSU_HEIGHT_M
     outlines = [[outline for one in each for outline in one.outlines] for each in (buildings, walls)]
     road_map = road_map_of(roads, walks, paved, *outlines)
-    bays = _each(fields, "parked", lambda item, _: read_bay(item, kerbs))
+    bays = _each(fields, "parked", lambda item, _: read_bay(item, middles))
     if bays:
-        require_space_to_park(bays, fields["parked"].entries(), kerbs)
+        require_space_to_park(bays, fields["parked"].entries(), middles)
     low, high = (corner(np.array(list(roads.nodes.values())), axis=0) for corner in (np.min, np.max))
     ground = rectangle((low[0] - _AROUND_M, high[0] + _AROUND_M), (low[1] - _AROUND_M, high[1] + _AROUND_M))
     middle = fields["drones_around"].point() if "drones_around" in fields else (low + high) / 2
@@ -157,10 +149,10 @@ def read_place(entry: Entry, name: str) -> Place:
     )
     works = read_ground(fields, roads.network)
     if works.kerb_m > 0 and paved["pavements"]:
-        require_off_lanes(paved["pavements"], fields["paved"], kerbs)
+        require_off_lanes(paved["pavements"], fields["paved"], middles)
     layout = works.applied(layout, turning_loops(roads))
     if "furniture" in fields:
-        layout = with_furniture(layout, read_furniture(fields["furniture"], kerbs))
+        layout = with_furniture(layout, read_furniture(fields["furniture"], middles))
     return Place(name, lambda: layout, _usual_population(layout), entry.as_read)
 
 
@@ -182,12 +174,9 @@ def _usual_population(layout: Layout) -> Population:
 
 
 def write_place_file(path: str | Path, description: Mapping[str, Any], content: Mapping[str, Any]) -> Path:
-    """Write a scenario file with a place that reads back to the same numbers, bit by bit.
+    """Write a scenario file with a place that reads back to the same numbers, bit by bit; an older file is replaced.
 
-    Args:
-        path: the file; an older one is replaced.
-        description: of the place, as `Place.description`.
-        content: other keys of the file as plain data; they are checked when it is read.
+    `content` has the other keys of the file as plain data. They are checked when it is read.
 
     Raises:
         ScenarioFileError: the file cannot be written.
@@ -204,15 +193,7 @@ _STRAIGHT_RAD = 1e-3  # at smaller kinks the slit outside is at most 2 mm wide
 def road_map_of(
     roads: Roads, walks: Ways | None, paved: Mapping[str, list[Floats]], buildings: list[Floats], walls: list[Floats]
 ) -> RoadMap:
-    """Return the outlines of a place.
-
-    Args:
-        roads: of the place.
-        walks: of people.
-        paved: outlines (K, 2) m by the field that they belong to.
-        buildings: outlines (K, 2) m.
-        walls: outlines (4, 2) m.
-    """
+    """Return the outlines (K, 2) m of a place; `paved` has some by the field that they belong to."""
     lanes = [quad for lane in roads.network.lanes.values() for quad in lane_outline(lane)] + _wedges(roads.network)
     crosswalks, pavements = (walks.crosswalks, walks.pavements) if walks else ([], [])
     more = {field: tuple(outlines) for field, outlines in paved.items()}

@@ -36,8 +36,8 @@ class Roads:
     Attributes:
         nodes: (2,) m, by name.
         network: all pieces, one lane each.
-        pieces: of every road of the file, in order.
-        entry: where every road of the file is described.
+        pieces: pieces of every road of the file, in order.
+        entry: description of every road in the file.
         movements: pieces that others cross or join.
         priority: movements to which others give way.
     """
@@ -94,11 +94,7 @@ class Roads:
 
 
 def read_roads(nodes: Entry, roads: Entry) -> Roads:
-    """Read roads from the entries `nodes` and `roads` of a place.
-
-    Raises:
-        ScenarioFileError: names the file and the line.
-    """
+    """Read roads from the entries `nodes` and `roads` of a place."""
     places = {name: entry.point() for name, entry in nodes.named().items()}
     found, first = Roads(places), set[Road]()
     for entry in roads.entries():
@@ -253,12 +249,10 @@ def middle_line(lane: Lane) -> Floats:
 
 @njit(cache=True, nogil=True)
 def _in_conflict(points: Floats, first: Ints, ends: Ints) -> Mask:
-    """Return which lines (K,) conflict with another.
+    """Return the mask (K,) of lines that conflict with another.
 
-    Args:
-        points: (P, 2) m of all lines.
-        first: (K + 1,) first point of each line, and P.
-        ends: (K, 2) nodes that each leads from and to.
+    `points` (P, 2) m are those of all lines, `first` (K + 1,) the first one of each line, and P; `ends` (K, 2) the
+    nodes that each leads from and to.
     """
     count = len(ends)
     found = np.zeros(count, np.bool_)

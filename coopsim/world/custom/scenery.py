@@ -1,4 +1,4 @@
-"""Buildings and walls from a file."""
+"""Buildings, walls, trees and street furniture from a file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between, require_finite_number, require_flag
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
-from coopsim.world.custom.clearance import Kerbs, along_outline, read_convex
+from coopsim.world.custom.clearance import MiddleLines, along_outline, read_convex
 from coopsim.world.furniture.furnish import line_pieces
 from coopsim.world.furniture.kinds import KINDS, Kind
 from coopsim.world.places.scenery import PAINTS
@@ -36,6 +36,10 @@ _GLASS, _GLASS_REFLECTIVITY = (66, 80, 94), 0.08  # glass lets light through, or
 _STOREY_M, _SILL_M, _PANE_M = 3.1, 1.0, 1.4  # a floor's height, and of a band of windows the lower edge and height
 _BESIDE_M, _BEFORE_M = 0.6, 0.02  # from a corner to the glass, and of the glass from the wall
 _TILES, _RISE, _STEEPEST_M = (126, 74, 60), 0.35, 5.0  # a gable's rise, in widths and at most
+_BARK, _LEAVES = (92, 70, 52), (70, 104, 58)
+_TRUNK_M = 0.2  # radius
+_CROWN = 2 / 3  # share of a tree's height with leaves
+_SAMPLE_M = 1.0  # along lines; no lane is so narrow
 _WALL_COLOR, _WALL_M = (158, 148, 134), 0.25
 
 
@@ -51,12 +55,12 @@ class Building(NamedTuple):
     parts: list[StaticPart]
 
 
-def read_building(entry: Entry, number: int, kerbs: Kerbs) -> Building:
+def read_building(entry: Entry, number: int, middles: MiddleLines) -> Building:
     """Return a block with its windows and roof; `number` decides the colour if the file gives none."""
     fields = entry.fields(("outline", "height_m"), ("windows", "roof", "color"))
     height_m = float(fields["height_m"].checked(require_between, 0.2, 500))
     outline = read_convex(fields["outline"], "write a building of another shape as several")
-    kerbs.require_beside(along_outline(outline), fields["outline"], "outline")
+    middles.require_off_roads(along_outline(outline), fields["outline"], "outline")
     color = COLORS[fields["color"].choice(COLORS)] if "color" in fields else PAINTS[number % len(PAINTS)]
     box = box_around(outline, 0.0, height_m)[None]
     block = StaticPart("building", *prism(outline, 0.0, height_m), color, _REFLECTIVITY, closed=True, boxes=box)
@@ -70,7 +74,7 @@ def read_building(entry: Entry, number: int, kerbs: Kerbs) -> Building:
     return Building([outline], parts)
 
 
-def read_wall(entry: Entry, kerbs: Kerbs) -> Building:
+def read_wall(entry: Entry, middles: MiddleLines) -> Building:
     """Return a wall of the same height along a line."""
     fields = entry.fields(("along", "height_m"), ("thickness_m",))
     line = fields["along"].points(2)
@@ -85,7 +89,7 @@ def read_wall(entry: Entry, kerbs: Kerbs) -> Building:
     start, end = line[:-1] - ahead, line[1:] + ahead  # the pieces overlap at corners
     outlines = list(np.stack([start - aside, end - aside, end + aside, start + aside], axis=1))
     for outline in outlines:
-        kerbs.require_beside(along_outline(outline), fields["along"], "the side of the wall")
+        middles.require_off_roads(along_outline(outline), fields["along"], "the side of the wall")
     pieces = [prism(outline, 0.0, height_m) for outline in outlines]
     vertices = np.concatenate([vertices for vertices, _ in pieces])
     faces = np.concatenate([faces + 8 * k for k, (_, faces) in enumerate(pieces)])
@@ -184,16 +188,11 @@ def _prism_faces(count: int) -> Ints:
     return faces
 
 
-_BARK, _LEAVES = (92, 70, 52), (70, 104, 58)
-_TRUNK_M = 0.2  # radius
-_CROWN = 2 / 3  # share of a tree's height with leaves
-
-
-def read_tree(entry: Entry, kerbs: Kerbs) -> list[StaticPart]:
+def read_tree(entry: Entry, middles: MiddleLines) -> list[StaticPart]:
     """Build a trunk and a crown."""
     fields = entry.fields(("at",), ("height_m", "crown_m"))
     at = fields["at"].point()
-    kerbs.require_beside(at[None], fields["at"], "at")
+    middles.require_off_roads(at[None], fields["at"], "at")
     height_m = float(fields["height_m"].checked(require_between, 2, 60)) if "height_m" in fields else 9.0
     crown_m = float(fields["crown_m"].checked(require_between, 0.5, 30)) if "crown_m" in fields else 5.0
     low_m = height_m * (1 - _CROWN)
@@ -230,27 +229,18 @@ def _ball() -> tuple[Floats, Ints]:
     return exact.settled(mesh.vertices) / 2, np.asarray(mesh.faces)
 
 
-_SAMPLE_M = 1.0  # along lines; no lane is so narrow
-
-
-def read_furniture(entry: Entry, kerbs: Kerbs) -> list[dict[str, Any]]:
-    """Read the key `furniture` of a place: a list for `furnishing_parts`.
-
-    Raises:
-        ScenarioFileError: names the file and the line: an unknown kind or size, or furniture on a road.
-    """
+def read_furniture(entry: Entry, middles: MiddleLines) -> list[dict[str, Any]]:
+    """Read the key `furniture` of a place: a list for `furnishing_parts`."""
     items, pieces = entry.entries(), []
-    spots: list[Floats] = []
     for item in items:
         if "kind" not in (named := item.named()):
             raise item.error(f"kind is missing in furniture. Accepted: {', '.join(KINDS)}")
         kind = KINDS[named["kind"].choice(KINDS, "kind of furniture")]
-        piece = _read_piece(item, kind)
-        pieces.append(piece)
-        spots.append(_ground(piece, kind))
-    if not _all_beside(spots, entry, kerbs):
-        for item, points in zip(items, spots, strict=True):
-            kerbs.require_beside(points, item, "furniture")
+        pieces.append(_read_piece(item, kind))
+    ground = [_ground(piece, KINDS[piece["kind"]]) for piece in pieces]
+    if ground and middles.are_met(np.concatenate(ground)):  # in one go: a town has hundreds of pieces
+        for item, points in zip(items, ground, strict=True):
+            middles.require_off_roads(points, item, "furniture")
     return pieces
 
 
@@ -285,14 +275,3 @@ def _ground(piece: dict[str, Any], kind: Kind) -> Floats:
     corners = [(a * length / 2, b * width / 2) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
     around = [piece["at"] + a * ahead + b * left for a, b in corners]
     return np.array([piece["at"], *around])
-
-
-def _all_beside(spots: list[Floats], entry: Entry, kerbs: Kerbs) -> bool:
-    """Return whether no point is on a road, in one go: a town has hundreds of pieces."""
-    if not spots:
-        return True
-    try:
-        kerbs.require_beside(np.concatenate(spots), entry, "furniture")
-    except entry.kind:
-        return False
-    return True

@@ -12,7 +12,7 @@ from coopsim.geometry import exact
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.support.checks import require_between, require_count, require_finite_number
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.custom.clearance import Kerbs, require_space_to_start
+from coopsim.world.custom.clearance import MiddleLines, require_space_to_start
 from coopsim.world.custom.roads import Roads
 from coopsim.world.places.layout import Bay, StartSlot
 from coopsim.world.places.road_network import CircularLane, Road
@@ -29,7 +29,7 @@ def read_starts(roads: Roads, fields: Mapping[str, Entry]) -> list[tuple[StartSl
     """Return slots, and their ranks among those that become connected, from the entries of a place."""
     if "starts" not in fields:
         pieces = [(piece, name) for name, all_of_it in roads.pieces.items() for piece in all_of_it]
-        room_m = {piece: _room_m(roads, piece) for piece, _ in pieces}
+        room_m = {piece: _start_length_m(roads, piece) for piece, _ in pieces}
         slots = [slot for piece, _ in pieces for slot in spaced_slots((*piece, 0), room_m[piece])]
         return [(slot, np.inf) for slot in slots]
     items = fields["starts"].entries()
@@ -39,7 +39,7 @@ def read_starts(roads: Roads, fields: Mapping[str, Entry]) -> list[tuple[StartSl
     return starts
 
 
-def _room_m(roads: Roads, piece: Road) -> float:
+def _start_length_m(roads: Roads, piece: Road) -> float:
     """Return the length of a piece on which vehicles may start: none on bends and crossings, or right before these."""
     lane = roads.lane(piece)
     if piece in roads.movements or isinstance(lane, CircularLane):
@@ -96,21 +96,21 @@ def read_speeds(roads: Roads, fields: Mapping[str, Entry]) -> tuple[float, ...]:
     return tuple(speeds)
 
 
-def read_bay(entry: Entry, kerbs: Kerbs) -> Bay:
+def read_bay(entry: Entry, middles: MiddleLines) -> Bay:
     """Return a bay beside the roads."""
     fields = entry.fields(("at", "heading_deg"), ("label",))
     at = fields["at"].point()
-    kerbs.require_beside(at[None], fields["at"], "at", _PARKED_M)
+    middles.require_off_roads(at[None], fields["at"], "at", _PARKED_M)
     heading_deg = float(fields["heading_deg"].checked(require_finite_number))
     label = _PARKED[fields["label"].choice(_PARKED)] if "label" in fields else None
     return Bay(float(at[0]), float(at[1]), float(np.radians(heading_deg)), label)
 
 
-def read_unit(entry: Entry, kerbs: Kerbs) -> SE3:
+def read_unit(entry: Entry, middles: MiddleLines) -> SE3:
     """Return `world_SE3_base` of a roadside unit beside the roads."""
     fields = entry.fields(("at", "look_at"))
     at, ahead = fields["at"].point(), fields["look_at"].point() - fields["at"].point()
-    kerbs.require_beside(at[None], fields["at"], "at")
+    middles.require_off_roads(at[None], fields["at"], "at")
     if not ahead.any():
         raise fields["look_at"].error("look_at must be another place than at")
     return SE3.from_xyz_yaw([*at, 0.0], float(exact.arctan2(ahead[1], ahead[0])))

@@ -50,13 +50,7 @@ class Ways:
 def read_ways(entry: Entry, network: RoadNetwork, *, one_way: bool = False) -> Ways:
     """Read ways from an entry with `nodes`, `ways` and `crosswalks`, each way a list of nodes along it.
 
-    Args:
-        entry: of the place.
-        network: the roads; stripes are painted where a crosswalk is on one.
-        one_way: whether people go along each way in one direction only.
-
-    Raises:
-        ScenarioFileError: names the file and the line.
+    Stripes are painted where a crosswalk is on a road. With `one_way` people go along each way in one direction only.
     """
     fields = entry.fields(("nodes", "ways"), ("crosswalks",))
     named = fields["nodes"].named()

@@ -1,4 +1,4 @@
-"""What cars and vans carry: number plates, roof boxes, bicycles, ladders, loads.
+"""Number plates, roof boxes, bicycles, ladders, loads, and open lids and doors of cars and vans.
 
 Each function takes the vehicle's `Shape` and returns parts in its frame: the rear bumper at x = 0.
 """

@@ -4,12 +4,17 @@ Sizes (length, width without mirrors, height) follow well-known vehicles of each
 Volvo V60, Toyota RAV4, Fiat 500, Ford Ranger; Renault Kangoo, VW Transporter, Ford Transit, Chrysler Pacifica. For
 comparison, detectors' anchors (means of labelled boxes) are 4.61 x 1.95 x 1.72 m for nuScenes' cars and 5.03 x 1.87 x
 2.21 m for KITTI's vans.
+
+Variants have number plates; some are soiled, loaded or open. Their sizes are those of Smart fortwo, VW Polo,
+Honda HR-V, Porsche 911, Honda Civic, VW Touran, Jeep Wrangler, Toyota Camry, Mercedes E and S, BMW X5, Ford Explorer
+and F-150, Chevrolet Tahoe; Toyota Hiace and Sienna, Ford Transit. Shares are such that sizes are spread as nuScenes'
+(see docs/reference/actors.md). None is longer or wider than the largest plain van, so that all have room where they
+park.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 from coopsim.types.taxonomy import ObjectClass
@@ -62,7 +67,7 @@ class Shape(NamedTuple):
     """A body.
 
     Attributes:
-        name: of the model.
+        name: name of the model.
         size_m: length, width, height.
         stations: cross-sections from the rear to the front; segment k lies between stations k and k + 1.
         glass_top: segments with a glazed top (rear window, windscreen).
@@ -163,10 +168,7 @@ def second_color(shape: Shape) -> Dress:
 def vehicle_parts(shape: Shape, dress: Dress, ends: tuple[Surface, Surface] | None = None) -> list[Part]:
     """Return body, grille and wheels of a car or van of about the shape's size.
 
-    Args:
-        shape: of the body.
-        dress: surfaces by segment and side, as for `loft`, instead of the usual ones.
-        ends: surfaces of rear and front.
+    `dress` has surfaces by segment and side, as for `loft`, instead of the usual ones, `ends` those of rear and front.
     """
     (length, width, height), stations = shape.size_m, shape.stations
     last = len(stations) - 2
@@ -284,7 +286,7 @@ def _model(variant: _Variant, label: ObjectClass) -> Model:
     parts = vehicle_parts(shape, dress, (rear, PAINT)) + plates(shape, DIRTY_PLATE if variant.soiled else RETRO_PLATE)
     for extra in variant.extras:
         parts += extra(shape)
-    return replace(assemble(variant.name, label, [parts]), share=variant.share, stands=variant.stands)
+    return assemble(variant.name, label, [parts], share=variant.share, stands=variant.stands)
 
 
 def _soiled(shape: Shape, dress: Dress) -> Dress:

@@ -68,11 +68,7 @@ def _variants() -> tuple[Model, ...]:
 
 
 def models_of(models: Sequence[Model], label: ObjectClass, *, parked: bool = False) -> Ints:
-    """Return the indices of the models of a class, at least one; `parked` also of those that only stand.
-
-    Raises:
-        InvalidValueError: no model has that class.
-    """
+    """Return the indices of the models of a class, at least one; `parked` also of those that only stand."""
     fitting = [k for k, model in enumerate(models) if model.label == label and (parked or not model.stands)]
     if not fitting:
         known = sorted({ObjectClass(model.label).title for model in models})

@@ -32,7 +32,7 @@ SIDES = np.array([1.0, -1.0])
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class Appearance:
     """Appearance of a person.
 
     Attributes:
@@ -44,7 +44,7 @@ class Look:
         helmet: wears one, which covers the face, too.
         coat: wears one down to the knees.
         backpack: its surface, if any.
-        girth: of trunk and limbs, 1 is usual.
+        girth: relative width of trunk and limbs, 1 is usual.
         head: relative size, 1 is an adult's.
         band: surface of the chest where it differs from the rest of the trunk, as on a warning vest.
     """
@@ -77,16 +77,10 @@ class Joints:
     legs: Floats
 
 
-def reach(start: Floats, end: Floats, lengths: tuple[float, float], toward: ArrayLike) -> Floats:
-    """Return the middle joints and ends (2, 2, 3) of two limbs of two links each that reach from `start` to `end`.
+def bend_limbs(start: Floats, end: Floats, lengths: tuple[float, float], toward: ArrayLike) -> Floats:
+    """Return the middle joints and ends (2, 2, 3) of two limbs of two links each from `start` to `end`, (2, 3) m.
 
-    A limb that is too short is stretched out and ends before its target.
-
-    Args:
-        start: (2, 3) m.
-        end: (2, 3) m.
-        lengths: of the links.
-        toward: (3,) direction to which the middle joint bends.
+    The middle joint bends towards `toward` (3,). A limb that is too short is stretched out and ends before its target.
     """
     first, second = lengths
     gap = end - start
@@ -108,8 +102,10 @@ def seated(height: float, hips: ArrayLike, lean_rad: float, hands: ArrayLike, fe
     neck = middle + TRUNK * height * up
     aside = np.array([0.0, 1.0, 0.0]) * SIDES[:, None]
     shoulder, hip = neck + HALF_SHOULDERS * height * aside, middle + HALF_HIPS * height * aside
-    arms = reach(shoulder, np.asarray(hands), (UPPER_ARM * height, FOREARM_AND_HALF_HAND * height), (-0.6, 0.0, -1.0))
-    legs = reach(hip, np.asarray(feet), (THIGH * height, SHANK * height), (1.0, 0.0, 0.3))
+    arms = bend_limbs(
+        shoulder, np.asarray(hands), (UPPER_ARM * height, FOREARM_AND_HALF_HAND * height), (-0.6, 0.0, -1.0)
+    )
+    legs = bend_limbs(hip, np.asarray(feet), (THIGH * height, SHANK * height), (1.0, 0.0, 0.3))
     ball = legs[:, 1] + np.array([0.10, 0.0, -0.02]) * height
     return Joints(
         np.stack([middle, neck]),
@@ -123,7 +119,7 @@ def holding(joints: Joints, height: float, hands: Mapping[int, ArrayLike]) -> Jo
     shoulder, hand = joints.arms[:, 0], joints.arms[:, 2].copy()
     for side, place in hands.items():
         hand[side] = place
-    bent = reach(shoulder, hand, (UPPER_ARM * height, FOREARM_AND_HALF_HAND * height), (-0.6, 0.0, -1.0))
+    bent = bend_limbs(shoulder, hand, (UPPER_ARM * height, FOREARM_AND_HALF_HAND * height), (-0.6, 0.0, -1.0))
     arms = joints.arms.copy()
     for side in hands:
         arms[side, 1:] = bent[side]
@@ -138,58 +134,64 @@ def on_the_ground(joints: Joints, height: float) -> Joints:
     return Joints(joints.trunk - low, joints.arms - low, joints.legs - low)
 
 
-def dressed(joints: Joints, height: float, look: Look) -> list[Part]:
-    """Return the parts of a person in a pose; their number and faces depend on the look alone."""
-    skin = Surface(0.0, 0.45, look.skin)
-    parts = [_trunk(joints.trunk, height, look), _head(joints.trunk, height, look, skin)]
+def dressed(joints: Joints, height: float, appearance: Appearance) -> list[Part]:
+    """Return the parts of a person in a pose; their number and faces depend on the appearance alone."""
+    skin = Surface(0.0, 0.45, appearance.skin)
+    parts = [_trunk(joints.trunk, height, appearance), _head(joints.trunk, height, appearance, skin)]
     for shoulder_to_hand in joints.arms:
-        forearm = {(1, side): skin for side in range(4)} if look.bare_forearms else None
-        girth = look.girth * height
-        parts.append(tube(shoulder_to_hand, [0.032 * girth, 0.026 * girth, 0.020 * girth], look.top, dress=forearm))
+        forearm = {(1, side): skin for side in range(4)} if appearance.bare_forearms else None
+        girth = appearance.girth * height
+        parts.append(
+            tube(shoulder_to_hand, [0.032 * girth, 0.026 * girth, 0.020 * girth], appearance.top, dress=forearm)
+        )
     for hip, knee, ankle, ball in joints.legs:
-        parts.append(tube([hip, knee, ankle], [0.052 * girth, 0.036 * girth, 0.027 * girth], look.bottom))
+        parts.append(tube([hip, knee, ankle], [0.052 * girth, 0.036 * girth, 0.027 * girth], appearance.bottom))
         heel = ankle - 0.35 * (ball - ankle) - np.array([0.0, 0.0, 0.012 * height])
         parts.append(tube([heel, ball], [0.027 * height, 0.022 * height], LEATHER))
-    if look.backpack is not None:
+    if appearance.backpack is not None:
         neck = joints.trunk[1]
         behind = (neck[0] - 0.15 * height, neck[0] - 0.04 * height)
-        parts.append(block(behind, 0.075 * height, (neck[2] - 0.23 * height, neck[2]), look.backpack))
+        parts.append(block(behind, 0.075 * height, (neck[2] - 0.23 * height, neck[2]), appearance.backpack))
     return parts
 
 
-def _trunk(ends: Floats, height: float, look: Look) -> Part:
+def _trunk(ends: Floats, height: float, appearance: Appearance) -> Part:
     """Build a six-sided trunk from the hips, or from the knees under a coat, to the neck."""
     hips, neck = ends
     up = (neck - hips) / exact.norm(neck - hips)
     levels = [(-0.03, 0.062, 0.092), (0.22, 0.072, 0.120), (0.30, 0.055, 0.108), (0.335, 0.03, 0.035)]
-    if look.coat:
+    if appearance.coat:
         levels[0] = (-0.22, 0.095, 0.125)
     turn = np.arange(6) * np.pi / 3
     fore = np.array([up[2], 0.0, -up[0]])
     rings = [
         hips
         + along * height * up
-        + look.girth
+        + appearance.girth
         * height
         * (deep * exact.cos(turn)[:, None] * fore + wide * exact.sin(turn)[:, None] * [0.0, 1.0, 0.0])
         for along, deep, wide in levels
     ]
-    return loft(rings, look.top, None if look.band is None else {(1, side): look.band for side in range(6)})
+    return loft(
+        rings, appearance.top, None if appearance.band is None else {(1, side): appearance.band for side in range(6)}
+    )
 
 
-def _head(ends: Floats, height: float, look: Look, skin: Surface) -> Part:
+def _head(ends: Floats, height: float, appearance: Appearance, skin: Surface) -> Part:
     """Build a five-sided, upright head; the face looks forward."""
     hips, neck = ends
     middle = neck + np.array([0.02 * height + 0.06 * (neck[0] - hips[0]), 0.0, 0.0])
-    size = look.head * height
+    size = appearance.head * height
     above = (1.0 - SHOULDER_HEIGHT) * height
-    cover = Surface(0.0, 0.3, look.hair)
+    cover = Surface(0.0, 0.3, appearance.hair)
     rings = []
     for down, radius in ((0.145, 0.032), (0.10, 0.050), (0.035, 0.052), (0.0, 0.028)):
         turn = np.arange(5) * 2 * np.pi / 5
-        radius *= 1.18 if look.helmet else 1.0
+        radius *= 1.18 if appearance.helmet else 1.0
         round_it = np.stack([1.15 * exact.cos(turn), exact.sin(turn), np.zeros(5)], axis=1)
         rings.append(middle + np.array([0.0, 0.0, above - down * size]) + radius * size * round_it)
-    behind = {(1, side): cover for side in (1, 2, 3)}  # the sides between points that look forward are 4 and 0
+    behind = {(1, side): cover for side in (1, 2, 3)}  # the sides between points that appearance forward are 4 and 0
     face = {(i, side): skin for i in (0, 1) for side in range(5)}
-    return loft(rings, cover, {} if look.helmet else {**face, **behind}, (cover if look.helmet else skin, cover))
+    return loft(
+        rings, cover, {} if appearance.helmet else {**face, **behind}, (cover if appearance.helmet else skin, cover)
+    )

@@ -38,7 +38,7 @@ def model_from_mesh(
 
     Args:
         mesh: a trimesh object, which is not changed, or the path of a file that trimesh can load (OBJ, PLY, STL, GLB).
-        name: of the model.
+        name: name of the model.
         label: its class.
         size_m: (3,) length, width and height to scale to; None: the mesh's own, in metres.
         tint: share of an actor's paint in the faces' colour, one number or (F,), in [0, 1]; the rest is the mesh's own
@@ -64,7 +64,7 @@ def model_from_mesh(
         label,
         size,
         (points - (low + high) / 2) * (size / extent),
-        _facing_outwards(solid, of),
+        _turned_outwards(solid, of),
         _per_face(tint, len(solid.faces), f"tint {of}"),
         _per_face(reflectivity, len(solid.faces), f"reflectivity {of}"),
         _own_colors(solid),
@@ -117,7 +117,7 @@ def _own_colors(mesh: trimesh.Trimesh) -> NDArray[np.uint8]:
     return np.zeros((0, 3), dtype=np.uint8)
 
 
-def _facing_outwards(mesh: trimesh.Trimesh, of: str) -> Ints:
+def _turned_outwards(mesh: trimesh.Trimesh, of: str) -> Ints:
     """Return the faces (F, 3), counter-clockwise from outside where the mesh encloses a volume."""
     if not mesh.is_winding_consistent:
         raise InvalidValueError(

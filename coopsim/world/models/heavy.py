@@ -4,12 +4,18 @@ Directive 96/53/EC allows a length of 12 m (a bus with two axles 13.5 m), a widt
 of 4 m. The city bus has the size of a Mercedes-Benz Citaro (11.95 x 2.55 x 3.08 m), the coach of a Setra S 515 HD; the
 others have usual sizes. For comparison, nuScenes' anchors (means of labelled boxes) are 6.93 x 2.51 x 2.84 m for trucks
 and 11.19 x 2.94 x 3.47 m for buses.
+
+Variants have number plates, and usual sizes: a dropside of 3.5 t like an Iveco Daily, box vans, vehicles of 7.5 to 26
+t; a Mercedes-Benz Sprinter as a minibus, an Alexander Dennis Enviro400 with two decks. None is longer or wider than the
+largest plain truck and bus, so that all turn and park where these do. Shares are such that sizes are spread as
+nuScenes' (see docs/reference/actors.md), whose trucks include pickups and delivery vans.
+
+Loads are in the truck's frame, the rear end at x = 0.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -52,9 +58,8 @@ def make_trucks() -> list[Model]:
 def make_buses() -> list[Model]:
     """Build a small bus, a city bus and a coach."""
     return [
-        _bus("midibus", (8.9, 2.45, 2.95), (0.24, 0.76), belt=0.42),
-        _bus("city_bus", (11.95, 2.55, 3.08), (0.27, 0.77), belt=0.38),
-        _bus("coach", (12.30, 2.55, 3.77), (0.17, 0.27, 0.78), belt=0.52),
+        assemble(name, ObjectClass.BUS, [bus_parts(size_m, axles, belt)], size_m)
+        for name, size_m, _, axles, belt in _BUSES[:3]
     ]
 
 
@@ -64,19 +69,8 @@ def _box_truck(name: str, size_m: Size, axles: int) -> Model:
     cab_m, floor = 1.95, 1.05
     cargo = block((0.0, length - cab_m - 0.25), width / 2, (floor, height), ACCENT)
     places = [0.16 * length, length - 1.2, 0.31 * length][:axles]
-    return assemble(
-        name,
-        ObjectClass.TRUCK,
-        [
-            [
-                cargo,
-                *cab(length, width, cab_m, min(2.75, 0.85 * height)),
-                *chassis(length, floor),
-                *axle_wheels(places, width),
-            ]
-        ],
-        size_m,
-    )
+    parts = [cargo, *cab(length, width, cab_m, min(2.75, 0.85 * height)), *chassis(length, floor)]
+    return assemble(name, ObjectClass.TRUCK, [[*parts, *axle_wheels(places, width)]], size_m)
 
 
 def _tipper() -> Model:
@@ -91,13 +85,9 @@ def _tipper() -> Model:
     ]
     skip = loft(load, ACCENT, ends=(ACCENT, PLASTIC), dress={(1, side): PLASTIC for side in range(4)})
     shield = block((end - 0.05, end + 0.05), 0.48 * width, (floor, height), ACCENT)
-    parts = [skip, shield, *cab(length, width, cab_m, 2.95), *chassis(length, floor)]
-    return assemble(
-        "tipper",
-        ObjectClass.TRUCK,
-        [[*parts, *axle_wheels([0.17 * length, 0.33 * length, length - 1.4], width)]],
-        size_m,
-    )
+    wheels = axle_wheels([0.17 * length, 0.33 * length, length - 1.4], width)
+    parts = [skip, shield, *cab(length, width, cab_m, 2.95), *chassis(length, floor), *wheels]
+    return assemble("tipper", ObjectClass.TRUCK, [parts], size_m)
 
 
 def cab(length: float, width: float, cab_m: float, height: float) -> list[Part]:
@@ -130,17 +120,10 @@ def chassis(length: float, floor: float) -> list[Part]:
     return [frame, lights]
 
 
-def _bus(name: str, size_m: Size, axles: Sequence[float], belt: float) -> Model:
-    return assemble(name, ObjectClass.BUS, [bus_parts(size_m, axles, belt)], size_m)
-
-
 def bus_parts(size_m: Size, axles: Sequence[float], belt: float) -> list[Part]:
     """Build a bus: skirt in the second colour, a band of windows from `belt` up, a windscreen.
 
-    Args:
-        size_m: length, width, height.
-        axles: their places, as shares of the length.
-        belt: lower edge of the windows, as a share of the height.
+    `axles` are places as shares of the length, and `belt` is a share of the height.
     """
     length, width, height = size_m
     half = width / 2
@@ -178,7 +161,7 @@ CONCRETE = Surface(0.0, 0.4, (150, 148, 142))
 
 
 class Space(NamedTuple):
-    """Where the load is: from the rear end to `end_m`, `half_m` to either side, from the floor up to the top."""
+    """Room for a load: from the rear end to `end_m`, `half_m` to either side, from the floor up to the top."""
 
     end_m: float
     half_m: float
@@ -310,7 +293,11 @@ _TRUCKS = (
 )
 
 _Bus = tuple[str, Size, float, tuple[float, ...], float]
-_BUSES: tuple[_Bus, ...] = (  # name, size, share, axles and height of the windows' lower edge as shares
+_BUSES: tuple[_Bus, ...] = (
+    # name, size, share, axles and height of the windows' lower edge as shares; the first three are plain
+    ("midibus", (8.9, 2.45, 2.95), 1.0, (0.24, 0.76), 0.42),
+    ("city_bus", (11.95, 2.55, 3.08), 1.0, (0.27, 0.77), 0.38),
+    ("coach", (12.30, 2.55, 3.77), 1.0, (0.17, 0.27, 0.78), 0.52),
     ("minibus", (7.40, 2.20, 2.85), 1.2, (0.22, 0.80), 0.44),
     ("short_bus", (10.50, 2.50, 3.10), 0.6, (0.26, 0.76), 0.38),
     ("long_city_bus", (12.20, 2.55, 3.35), 1.2, (0.27, 0.77), 0.36),
@@ -328,12 +315,10 @@ def make_varied_buses() -> list[Model]:
     """Build buses of more sizes, one of them with two decks."""
     buses = [
         (name, size_m, share, [*bus_parts(size_m, axles, belt), *_bus_plates(size_m[0])])
-        for name, size_m, share, axles, belt in _BUSES
+        for name, size_m, share, axles, belt in _BUSES[3:]
     ]
     buses.append(("double_decker", (10.90, 2.52, 4.30), 1.1, _double_decker((10.90, 2.52, 4.30))))
-    return [
-        replace(assemble(name, ObjectClass.BUS, [parts], size_m), share=share) for name, size_m, share, parts in buses
-    ]
+    return [assemble(name, ObjectClass.BUS, [parts], size_m, share=share) for name, size_m, share, parts in buses]
 
 
 def _truck(truck: _Truck) -> Model:
@@ -351,7 +336,7 @@ def _truck(truck: _Truck) -> Model:
         plate(-0.02, 0.62, -1.0, surface),
         plate(length + 0.02, 0.56, 1.0, surface),
     ]
-    return replace(assemble(truck.name, ObjectClass.TRUCK, [parts], truck.size_m), share=truck.share)
+    return assemble(truck.name, ObjectClass.TRUCK, [parts], truck.size_m, share=truck.share)
 
 
 def _double_decker(size_m: Size) -> list[Part]:

@@ -48,7 +48,7 @@ class Model:
         accented: (F,) bool, True where the face takes the actor's second colour; empty: nowhere.
         poses: (K, V, 3) m, one cycle of motion in equal steps, which fill the box together; empty: rigid.
         cycle_m: distance travelled in one cycle.
-        share: how often it is chosen, relative to the other models of its class.
+        share: weight when one of its class is drawn.
         stands: it is for parked vehicles only, as one with an open door.
 
     Raises:

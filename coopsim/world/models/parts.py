@@ -55,9 +55,9 @@ class Window:
     """A pane in the middle of a face.
 
     Attributes:
-        surface: of the pane.
+        surface: material of the pane.
         along: margin at either end along the loft, as a share of the face, in (0, 0.5).
-        across: the same across it.
+        across: margin across it.
     """
 
     surface: Surface
@@ -76,7 +76,7 @@ class Part:
     Attributes:
         vertices: (V, 3) m.
         faces: (F, 3) int, counter-clockwise from outside.
-        surfaces: of the F faces.
+        surfaces: one for each face.
     """
 
     vertices: Floats
@@ -120,14 +120,10 @@ def loft(
     *,
     ring: bool = False,
 ) -> Part:
-    """Build a solid through S outlines of P points each.
+    """Build a solid through S outlines of P points each, (S, P, 3) m, convex and all in the same sense.
 
-    Args:
-        outlines: (S, P, 3) m; each convex, all in the same sense.
-        surface: default of all faces.
-        dress: surfaces by segment (from outline i to i + 1) and side (from point j to j + 1).
-        ends: surfaces of the first and last outline.
-        ring: whether the last outline leads back to the first.
+    `dress` has surfaces by segment (from outline i to i + 1) and side (from point j to j + 1), `ends` those of the
+    first and last outline; the others are `surface`. With `ring` the last outline leads back to the first.
     """
     points = np.asarray(outlines, dtype=np.float64)
     count, sides = points.shape[:2]
@@ -226,15 +222,12 @@ def assemble(
     poses: Sequence[Sequence[Part]],
     size_m: ArrayLike | None = None,
     cycle_m: float = 1.0,
+    share: float = 1.0,
+    stands: bool = False,
 ) -> Model:
-    """Join parts into a model that stands on the ground in every pose and fills its box exactly.
+    """Join the parts of each pose, with equal faces in all, into a model that stands on the ground and fills its box.
 
-    Args:
-        name: of the model.
-        label: its class.
-        poses: the parts in each pose; with the same faces in each.
-        size_m: (3,) of the box; None: the parts' own size, rounded to a centimetre.
-        cycle_m: distance travelled in a cycle of poses.
+    Without `size_m` (3,) the box has the parts' own size, rounded to a centimetre. Other arguments: see `Model`.
     """
     parts = poses[0]
     points = np.stack([np.concatenate([part.vertices for part in pose]) for pose in poses])
@@ -257,4 +250,6 @@ def assemble(
         np.array([surface.accented for surface in surfaces]),
         fitted,
         cycle_m,
+        share,
+        stands,
     )

@@ -7,7 +7,9 @@ labelled boxes, many without a rider) are 2.11 x 0.77 x 1.47 m for motorcycles a
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -15,7 +17,7 @@ from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.attachments import WOOD, plate
-from coopsim.world.models.figure import JEANS, LEATHER, Look, dressed, seated
+from coopsim.world.models.figure import JEANS, LEATHER, Appearance, dressed, seated
 from coopsim.world.models.model import Model
 from coopsim.world.models.parts import (
     ACCENT,
@@ -49,41 +51,73 @@ _MOTOR_GRIPS = np.array([0.94, 0.0, 1.02])
 PAIR = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
 """Unit vectors to the left and the right."""
 
+REFLECTOR = Surface(0.0, 100.0, (190, 20, 24))
+DELIVERY = Surface(0.0, 0.55, (0, 150, 136))
+_LUGGAGE = Surface(0.0, 0.3, (60, 62, 40))
+_SLIM = [0.022, 0.022]
+
+# fmt: off
+_MOTORCYCLISTS: tuple[tuple[str, float, float, float, RGB, bool, bool], ...] = (
+    # name, share, height (m), lean (rad), helmet, screen, cases
+    ("roadster", 1.0, 1.78, 0.25, (250, 250, 246), False, False),
+    ("sports_bike", 1.0, 1.75, 0.75, (30, 30, 34), True, False),
+    ("tourer", 1.0, 1.80, 0.12, (190, 30, 32), True, True),
+    ("roadster_tall_rider", 1.0, 1.90, 0.30, (40, 60, 130), False, False),
+    ("sports_bike_short_rider", 0.7, 1.66, 0.70, (220, 60, 30), True, False),
+    ("tourer_upright", 0.7, 1.84, 0.05, (230, 228, 220), True, True),
+)
+_CYCLISTS: tuple[tuple[str, float, float, float, RGB, float, Appearance], ...] = (
+    # name, share, height (m), lean (rad), paint, scale, appearance
+    ("city_bicycle", 1.0, 1.68, 0.42, (36, 66, 52), 1.0, Appearance(hair=(92, 62, 40))),
+    ("racing_bicycle", 1.0, 1.78, 0.85, (200, 34, 30), 1.0,
+     Appearance(bare_forearms=True, hair=(235, 235, 230), girth=0.95)),
+    ("youth_bicycle", 1.0, 1.50, 0.38, (38, 96, 170), 0.86, Appearance(head=1.12, hair=(240, 196, 40))),
+    ("city_bicycle_tall_rider", 1.0, 1.86, 0.40, (40, 42, 48), 1.06, Appearance(hair=(60, 44, 36), girth=1.05)),
+    ("city_bicycle_upright", 1.0, 1.62, 0.18, (150, 36, 60), 0.98,
+     Appearance(hair=(168, 136, 84), skin=(220, 178, 152))),
+    ("bicycle_warning_vest", 0.6, 1.76, 0.45, (90, 94, 98), 1.0, Appearance(top=VEST, band=BAND, hair=(230, 230, 226))),
+    ("small_bicycle", 0.5, 1.40, 0.35, (230, 120, 30), 0.78, Appearance(head=1.15, hair=(200, 40, 60))),
+)
+_PLAIN = 3  # first rows of both tables: without plates and reflectors
+_KICK_SCOOTER_RIDERS: tuple[tuple[str, float, float, Appearance], ...] = (  # name, share, height (m), appearance
+    ("kick_scooter", 1.0, 1.75, Appearance(hair=(40, 34, 30), backpack=Surface(0.0, 0.3, (52, 54, 58)))),
+    ("kick_scooter_short_rider", 1.0, 1.62, Appearance(bare_forearms=True, hair=(120, 84, 50), skin=(224, 184, 156))),
+    ("kick_scooter_tall_rider", 0.8, 1.88, Appearance(skin=(84, 58, 44))),
+    ("kick_scooter_youth", 0.5, 1.48, Appearance(head=1.12, hair=(200, 60, 50))),
+)
+# fmt: on
+
 
 def make_motorcycles() -> list[Model]:
     """Build a roadster, a sports machine with a leaning rider, and a tourer with a screen and cases."""
-    return [
-        _motorcycle("roadster", 1.78, 0.25, (250, 250, 246), screen=False, cases=False),
-        _motorcycle("sports_bike", 1.75, 0.75, (30, 30, 34), screen=True, cases=False),
-        _motorcycle("tourer", 1.80, 0.12, (190, 30, 32), screen=True, cases=True),
-    ]
+    return [_motorcycle(*row) for row in _MOTORCYCLISTS[:_PLAIN]]
 
 
 def make_bicycles() -> list[Model]:
     """Build a city bicycle, a racing bicycle, and one for a child of about twelve."""
-    return [
-        _bicycle("city_bicycle", 1.68, 0.42, (36, 66, 52), 1.0, Look(hair=(92, 62, 40))),
-        _bicycle(
-            "racing_bicycle", 1.78, 0.85, (200, 34, 30), 1.0, Look(bare_forearms=True, hair=(235, 235, 230), girth=0.95)
-        ),
-        _bicycle("youth_bicycle", 1.50, 0.38, (38, 96, 170), 0.86, Look(head=1.12, hair=(240, 196, 40))),
-    ]
+    return [_bicycle(*row) for row in _CYCLISTS[:_PLAIN]]
 
 
 def make_scooters() -> list[Model]:
     """Build two electric kick scooters, like those on V2X-Real's campus, and a motor scooter."""
-    return [
-        _kick_scooter("kick_scooter", 1.75, Look(hair=(40, 34, 30), backpack=Surface(0.0, 0.3, (52, 54, 58)))),
-        _kick_scooter(
-            "kick_scooter_short_rider", 1.62, Look(bare_forearms=True, hair=(120, 84, 50), skin=(224, 184, 156))
-        ),
-        _motor_scooter(),
-    ]
+    motor_scooter = _rigid("motor_scooter", ObjectClass.SCOOTER, 1.0, motor_scooter_parts(), motor_scooter_rider())
+    return [*(_kick_scooter(*row) for row in _KICK_SCOOTER_RIDERS[:2]), motor_scooter]
 
 
-def _motorcycle(name: str, height: float, lean_rad: float, helmet: RGB, *, screen: bool, cases: bool) -> Model:
+def make_varied_riders() -> list[Model]:
+    """Build motorcycles, bicycles and scooters of more sizes, each with riders and then parked.
+
+    They have plates and reflectors, boxes and bags, a passenger, a child. A long cargo bicycle is about 2.5 m. Two on
+    one scooter, and how often, are assumed by us: about one in seven.
+    """
+    return [*_varied_motorcycles(), *_varied_bicycles(), *_varied_scooters()]
+
+
+def _motorcycle(
+    name: str, share: float, height: float, lean_rad: float, helmet: RGB, screen: bool, cases: bool, *more: Part
+) -> Model:
     machine = motorcycle_parts(lean_rad, screen=screen, cases=cases)
-    return assemble(name, ObjectClass.MOTORCYCLE, [[*machine, *motorcycle_rider(height, lean_rad, helmet)]])
+    return _rigid(name, ObjectClass.MOTORCYCLE, share, machine, more, motorcycle_rider(height, lean_rad, helmet))
 
 
 def motorcycle_parts(lean_rad: float, *, screen: bool, cases: bool) -> list[Part]:
@@ -123,17 +157,11 @@ def motorcycle_rider(height: float, lean_rad: float, helmet: RGB) -> list[Part]:
     hips, grips = np.array([0.50, 0.0, 0.90]), np.array([0.98, 0.0, 0.98 - 0.1 * lean_rad])
     jacket = Surface(1.0, 0.4, accented=True)
     feet = np.array([0.52, 0.0, 0.40]) + 0.22 * PAIR
-    look = Look(top=jacket, bottom=JEANS, hair=helmet, helmet=True, girth=1.1)
-    return dressed(seated(height, hips, lean_rad, grips + 0.33 * PAIR, feet), height, look)
+    appearance = Appearance(top=jacket, bottom=JEANS, hair=helmet, helmet=True, girth=1.1)
+    return dressed(seated(height, hips, lean_rad, grips + 0.33 * PAIR, feet), height, appearance)
 
 
-def _bicycle(name: str, height: float, lean_rad: float, paint: RGB, scale: float, look: Look) -> Model:
-    machine = bicycle_frame(Surface(0.0, 0.5, paint), scale)
-    poses = [[*machine, *rider] for rider in cyclists(height, lean_rad, scale, look)]
-    return assemble(name, ObjectClass.BICYCLE, poses, cycle_m=DEVELOPMENT_M * scale)
-
-
-def cyclists(height: float, lean_rad: float, scale: float, look: Look) -> list[list[Part]]:
+def cyclists(height: float, lean_rad: float, scale: float, appearance: Appearance) -> list[list[Part]]:
     """Build the rider of a bicycle in each pose of a turn of the pedals."""
     poses = []
     saddle, grips = scale * np.array([[0.22, 0.0, 0.97], [0.86, 0.0, 1.04 - 0.16 * lean_rad]])
@@ -142,7 +170,7 @@ def cyclists(height: float, lean_rad: float, scale: float, look: Look) -> list[l
         pedal = np.stack([0.42 + _CRANK_M * exact.cos(turn), [0.11, -0.11], 0.28 - _CRANK_M * exact.sin(turn)], axis=1)
         ankle = scale * (pedal + np.array([-0.06, 0.0, 0.08]))
         hips = saddle + np.array([0.0, 0.0, 0.05])
-        poses.append(dressed(seated(height, hips, lean_rad, grips + 0.24 * scale * PAIR, ankle), height, look))
+        poses.append(dressed(seated(height, hips, lean_rad, grips + 0.24 * scale * PAIR, ankle), height, appearance))
     return poses
 
 
@@ -174,8 +202,8 @@ def hoop(hub: Floats, radius: float, sides: int = 12) -> Part:
     return loft(np.stack(rings, axis=1), TYRE, ring=True)
 
 
-def _kick_scooter(name: str, height: float, look: Look) -> Model:
-    return assemble(name, ObjectClass.SCOOTER, [[*kick_scooter_parts(), *kick_scooter_rider(height, look)]])
+def _kick_scooter(name: str, share: float, height: float, appearance: Appearance) -> Model:
+    return _rigid(name, ObjectClass.SCOOTER, share, kick_scooter_parts(), kick_scooter_rider(height, appearance))
 
 
 def kick_scooter_parts() -> list[Part]:
@@ -191,16 +219,12 @@ def kick_scooter_parts() -> list[Part]:
     ]
 
 
-def kick_scooter_rider(height: float, look: Look) -> list[Part]:
+def kick_scooter_rider(height: float, appearance: Appearance) -> list[Part]:
     """Build the rider, who stands."""
     deck, grips = _DECK_M, _KICK_GRIPS
     feet = np.array([[0.44, 0.05, deck + 0.05 * height], [0.18, -0.05, deck + 0.05 * height]])
     hips = np.array([0.28, 0.0, deck + 0.53 * height])
-    return dressed(seated(height, hips, 0.06, grips + 0.21 * PAIR, feet), height, look)
-
-
-def _motor_scooter() -> Model:
-    return assemble("motor_scooter", ObjectClass.SCOOTER, [[*motor_scooter_parts(), *motor_scooter_rider()]])
+    return dressed(seated(height, hips, 0.06, grips + 0.21 * PAIR, feet), height, appearance)
 
 
 def motor_scooter_parts() -> list[Part]:
@@ -230,119 +254,91 @@ def motor_scooter_parts() -> list[Part]:
 def motor_scooter_rider() -> list[Part]:
     """Build the rider, with a helmet."""
     height, grips = 1.70, _MOTOR_GRIPS
-    look = Look(top=Surface(1.0, 0.4, accented=True), bottom=JEANS, hair=(236, 232, 220), helmet=True)
+    appearance = Appearance(top=Surface(1.0, 0.4, accented=True), bottom=JEANS, hair=(236, 232, 220), helmet=True)
     feet = np.array([0.78, 0.0, 0.38]) + 0.12 * PAIR
-    return dressed(seated(height, [0.34, 0.0, 0.82], 0.18, grips + 0.29 * PAIR, feet), height, look)
+    return dressed(seated(height, [0.34, 0.0, 0.82], 0.18, grips + 0.29 * PAIR, feet), height, appearance)
 
 
-REFLECTOR = Surface(0.0, 100.0, (190, 20, 24))
-DELIVERY = Surface(0.0, 0.55, (0, 150, 136))
-_LUGGAGE = Surface(0.0, 0.3, (60, 62, 40))
-_SLIM = [0.022, 0.022]
-
-_MOTORCYCLISTS: tuple[tuple[str, float, float, float, RGB, bool, bool], ...] = (
-    # name, share, height (m), lean (rad), helmet, screen, cases
-    ("roadster_tall_rider", 1.0, 1.90, 0.30, (40, 60, 130), False, False),
-    ("sports_bike_short_rider", 0.7, 1.66, 0.70, (220, 60, 30), True, False),
-    ("tourer_upright", 0.7, 1.84, 0.05, (230, 228, 220), True, True),
-)
-_CYCLISTS: tuple[tuple[str, float, float, float, RGB, float, Look], ...] = (
-    # name, share, height (m), lean (rad), paint, scale, look
-    ("city_bicycle_tall_rider", 1.0, 1.86, 0.40, (40, 42, 48), 1.06, Look(hair=(60, 44, 36), girth=1.05)),
-    ("city_bicycle_upright", 1.0, 1.62, 0.18, (150, 36, 60), 0.98, Look(hair=(168, 136, 84), skin=(220, 178, 152))),
-    ("bicycle_warning_vest", 0.6, 1.76, 0.45, (90, 94, 98), 1.0, Look(top=VEST, band=BAND, hair=(230, 230, 226))),
-    ("small_bicycle", 0.5, 1.40, 0.35, (230, 120, 30), 0.78, Look(head=1.15, hair=(200, 40, 60))),
-)
+def _bicycle(
+    name: str,
+    share: float,
+    height: float,
+    lean_rad: float,
+    paint: RGB,
+    scale: float,
+    appearance: Appearance,
+    *more: Part,
+) -> Model:
+    machine = [*bicycle_frame(Surface(0.0, 0.5, paint), scale), *more]
+    return _cycling(name, share, machine, cyclists(height, lean_rad, scale, appearance), scale)
 
 
-def make_varied_riders() -> list[Model]:
-    """Build motorcycles, bicycles and scooters, each with riders and then parked."""
-    return [*_motorcycles(), *_bicycles(), *_scooters()]
+def _cycling(name: str, share: float, machine: list[Part], riders: list[list[Part]], scale: float = 1.0) -> Model:
+    poses = [[*machine, *rider] for rider in riders]
+    return assemble(name, ObjectClass.BICYCLE, poses, cycle_m=DEVELOPMENT_M * scale, share=share)
 
 
-def _motorcycles() -> list[Model]:
+def _rigid(name: str, label: ObjectClass, share: float, *parts: Iterable[Part], stands: bool = False) -> Model:
+    return assemble(name, label, [[*chain(*parts)]], share=share, stands=stands)
+
+
+def _varied_motorcycles() -> list[Model]:
     label, mark = ObjectClass.MOTORCYCLE, _mark(-0.235, 0.72)
-    models = []
-    for name, share, height, lean_rad, helmet, screen, cases in _MOTORCYCLISTS:
-        rider = motorcycle_rider(height, lean_rad, helmet)
-        machine = [*motorcycle_parts(lean_rad, screen=screen, cases=cases), _moved(mark, -0.09 * cases)]
-        models.append(_model(name, label, share, [*machine, *rider]))
-    plain, rider = (
-        [*motorcycle_parts(0.25, screen=False, cases=False), mark],
-        motorcycle_rider(1.76, 0.25, (20, 20, 24)),
-    )
+    models = [_motorcycle(*row, _moved(mark, -0.09 * row[-1])) for row in _MOTORCYCLISTS[_PLAIN:]]
+    plain = [*motorcycle_parts(0.25, screen=False, cases=False), mark]
+    rider = motorcycle_rider(1.76, 0.25, (20, 20, 24))
     box = block((-0.36, 0.08), 0.23, (0.88, 1.32), DELIVERY)
     pillion = _passenger(1.68, [0.12, 0.0, 0.98], [0.46, 0.0, 1.06], [0.32, 0.0, 0.44], 0.2)
     return [
         *models,
-        _model("motorcycle_delivery", label, 0.6, [*plain, box, *rider]),
-        _model("motorcycle_two_riders", label, 0.5, [*plain, *rider, *pillion]),
+        _rigid("motorcycle_delivery", label, 0.6, plain, [box], rider),
+        _rigid("motorcycle_two_riders", label, 0.5, plain, rider, pillion),
         _scaled(models[2], "cruiser", (2.45, 0.92, 1.60), 0.7),
         _scaled(models[0], "small_motorcycle", (1.82, 0.68, 1.66), 0.8),
-        _model("motorcycle_parked", label, 1.5, [*plain, _stem(1.12, 0.98, 0.98)], stands=True),
+        _rigid("motorcycle_parked", label, 1.5, plain, [_stem(1.12, 0.98, 0.98)], stands=True),
     ]
 
 
-def _bicycles() -> list[Model]:
-    mark, models = _reflector(-0.08, 0.62), []
-    for name, share, height, lean_rad, paint, scale, look in _CYCLISTS:
-        machine = [*bicycle_frame(Surface(0.0, 0.5, paint), scale), _reflector(-0.05, 0.62 * scale)]
-        models.append(_cycling(name, share, machine, cyclists(height, lean_rad, scale, look), scale))
+def _varied_bicycles() -> list[Model]:
+    mark = _reflector(-0.08, 0.62)
+    models = [_bicycle(*row, _reflector(-0.05, 0.62 * row[5])) for row in _CYCLISTS[_PLAIN:]]
     frame = [
         *bicycle_frame(Surface(0.0, 0.5, (52, 88, 120)), 1.0),
         block((-0.28, 0.2), 0.06, (0.70, 0.73), METAL),
         mark,
     ]
-    parked = bicycle_frame(Surface(1.0, 0.5), 1.0)
-    post = tube([[0.26, 0.0, 0.80], [0.23, 0.0, 0.94]], _SLIM, METAL, 3)
-    riders = cyclists(1.70, 0.35, 1.0, Look(hair=(92, 62, 40), girth=1.02))
+    riders = cyclists(1.70, 0.35, 1.0, Appearance(hair=(92, 62, 40), girth=1.02))
     bags = [block((-0.28, 0.06), 0.07, (0.36, 0.70), _LUGGAGE, side * 0.13) for side in (1, -1)]
-    cube = [block((-0.32, 0.10), 0.22, (1.12, 1.54), DELIVERY)]
+    cube = block((-0.32, 0.10), 0.22, (1.12, 1.54), DELIVERY)
+    post = tube([[0.26, 0.0, 0.80], [0.23, 0.0, 0.94]], _SLIM, METAL, 3)
+    parked = bicycle_frame(Surface(1.0, 0.5), 1.0)
     return [
         *models,
         _cycling("bicycle_panniers", 0.7, [*frame, *bags], riders),
         _cycling("bicycle_child_seat", 0.4, [*frame, *_child_seat()], riders),
-        _cycling("bicycle_delivery", 0.5, [*frame, *cube], cyclists(1.77, 0.32, 1.0, Look(girth=1.05))),
+        _cycling("bicycle_delivery", 0.5, [*frame, cube], cyclists(1.77, 0.32, 1.0, Appearance(girth=1.05))),
         _cycling("cargo_bicycle", 0.4, [*_cargo_frame(), mark], riders),
-        _model("bicycle_parked", ObjectClass.BICYCLE, 3.0, [*parked, post], stands=True),
+        _rigid("bicycle_parked", ObjectClass.BICYCLE, 3.0, parked, [post], stands=True),
     ]
 
 
-def _scooters() -> list[Model]:
+def _varied_scooters() -> list[Model]:
     label, kick, motor = ObjectClass.SCOOTER, kick_scooter_parts(), [*motor_scooter_parts(), _mark(-0.295, 0.52)]
-    look = Look(hair=(30, 26, 26), skin=(140, 98, 70))
+    hands, feet = [0.22, 0.0, 1.20] + 0.19 * PAIR, [0.10, 0.0, 0.24] + 0.05 * PAIR
     behind = dressed(
-        seated(1.64, [0.03, 0.0, 1.03], 0.05, [0.22, 0.0, 1.20] + 0.19 * PAIR, [0.10, 0.0, 0.24] + 0.05 * PAIR),
-        1.64,
-        look,
+        seated(1.64, [0.03, 0.0, 1.03], 0.05, hands, feet), 1.64, Appearance(hair=(30, 26, 26), skin=(140, 98, 70))
     )
     pillion = _passenger(1.66, [0.02, 0.0, 0.87], [0.30, 0.0, 0.98], [0.42, 0.0, 0.38], 0.12)
+    rider, box = motor_scooter_rider(), block((-0.36, 0.05), 0.22, (0.80, 1.24), DELIVERY)
     return [
-        _model("kick_scooter_tall_rider", label, 0.8, [*kick, *kick_scooter_rider(1.88, Look(skin=(84, 58, 44)))]),
-        _model(
-            "kick_scooter_youth", label, 0.5, [*kick, *kick_scooter_rider(1.48, Look(head=1.12, hair=(200, 60, 50)))]
-        ),
-        _model("kick_scooter_two_riders", label, 0.5, [*kick, *kick_scooter_rider(1.74, Look()), *behind]),
-        _model("motor_scooter_plate", label, 0.8, [*motor, *motor_scooter_rider()]),
-        _model("motor_scooter_two_riders", label, 0.4, [*motor, *motor_scooter_rider(), *pillion]),
-        _model(
-            "motor_scooter_delivery",
-            label,
-            0.5,
-            [*motor, *motor_scooter_rider(), block((-0.36, 0.05), 0.22, (0.80, 1.24), DELIVERY)],
-        ),
-        _model("kick_scooter_parked", label, 2.0, kick, stands=True),
-        _model("motor_scooter_parked", label, 1.0, [*motor, _stem(1.06, 0.94, 1.01)], stands=True),
+        *(_kick_scooter(*row) for row in _KICK_SCOOTER_RIDERS[2:]),
+        _rigid("kick_scooter_two_riders", label, 0.5, kick, kick_scooter_rider(1.74, Appearance()), behind),
+        _rigid("motor_scooter_plate", label, 0.8, motor, rider),
+        _rigid("motor_scooter_two_riders", label, 0.4, motor, rider, pillion),
+        _rigid("motor_scooter_delivery", label, 0.5, motor, rider, [box]),
+        _rigid("kick_scooter_parked", label, 2.0, kick, stands=True),
+        _rigid("motor_scooter_parked", label, 1.0, motor, [_stem(1.06, 0.94, 1.01)], stands=True),
     ]
-
-
-def _model(name: str, label: ObjectClass, share: float, parts: list[Part], *, stands: bool = False) -> Model:
-    return replace(assemble(name, label, [parts]), share=share, stands=stands)
-
-
-def _cycling(name: str, share: float, machine: list[Part], riders: list[list[Part]], scale: float = 1.0) -> Model:
-    poses = [[*machine, *rider] for rider in riders]
-    return replace(assemble(name, ObjectClass.BICYCLE, poses, cycle_m=DEVELOPMENT_M * scale), share=share)
 
 
 def _scaled(model: Model, name: str, size_m: tuple[float, float, float], share: float) -> Model:
@@ -353,8 +349,8 @@ def _scaled(model: Model, name: str, size_m: tuple[float, float, float], share: 
 
 def _passenger(height: float, hips: list[float], hands: list[float], feet: list[float], lean_rad: float) -> list[Part]:
     """Build a passenger with a helmet, whose hands hold the rider's waist."""
-    look = Look(top=ACCENT, bottom=JEANS, hair=(150, 152, 158), helmet=True)
-    return dressed(seated(height, hips, lean_rad, hands + 0.17 * PAIR, feet + 0.2 * PAIR), height, look)
+    appearance = Appearance(top=ACCENT, bottom=JEANS, hair=(150, 152, 158), helmet=True)
+    return dressed(seated(height, hips, lean_rad, hands + 0.17 * PAIR, feet + 0.2 * PAIR), height, appearance)
 
 
 def _child_seat() -> list[Part]:

@@ -80,10 +80,10 @@ class People:
 
     Args:
         ways: the graph; None where people cannot walk.
-        count: number of people.
-        label: their class, one of `MANNERS`.
+        count: N.
+        label: one of `MANNERS`.
         models: shapes to choose from.
-        seed: the episode's.
+        seed: seed of the episode.
         taken: (V, 2) m, positions of vehicles: people do not start on a lane right before one, if possible.
         others: (M,) `BODY`, people already there: starts do not overlap with them, if possible.
 
@@ -142,13 +142,7 @@ class People:
         bodies["length"], bodies["width"] = self._length, self._width
 
     def step(self, dt_s: float, fleet: Fleet, everybody: NDArray[Any]) -> None:
-        """Advance by `dt_s`.
-
-        Args:
-            dt_s: time step.
-            fleet: the vehicles.
-            everybody: (M,) `BODY`, all people, these included.
-        """
+        """Advance by `dt_s` among vehicles and `everybody` (M,) `BODY`: all people, these included."""
         if not len(self):
             return
         start, end = self._itinerary.ends()
@@ -237,12 +231,7 @@ Mask = NDArray[np.bool_]
 
 
 class Itinerary:
-    """The ways of N people.
-
-    Args:
-        ways: the graph; None: one node without ways.
-        offset: (N, 2) m, of each person from the middle of all their ways.
-    """
+    """The ways of N people, `offset` (N, 2) m from the middles of a graph's ways; None: one node without ways."""
 
     def __init__(self, ways: Footways | None, offset: Floats) -> None:
         self._ways = ways or Footways(
@@ -257,8 +246,7 @@ class Itinerary:
     def start_anew(self, chosen: Mask, rng: np.random.Generator) -> Floats | None:
         """Move people of the mask (N,) to drawn ways that cross no road; everyone draws.
 
-        Returns:
-            (N, 2) m: drawn places on these ways; None if nobody is chosen or all ways cross a road.
+        Return drawn places (N, 2) m on these ways; None if nobody is chosen or all ways cross a road.
         """
         if not len(self._starts):
             return None
@@ -307,13 +295,9 @@ class Itinerary:
 
 @njit(cache=True, nogil=True)
 def choose_next(neighbours: Ints, origin: Ints, node: Ints, draw: Floats) -> Ints:
-    """Return a neighbour (N,) of each `node` (N,), not `origin` (N,) unless there is no other.
+    """Return a neighbour (N,) of each `node` (N,), not `origin` (N,) unless there is no other, decided by `draw` (N,).
 
-    Args:
-        neighbours: (M, B) of M nodes; -1: none.
-        origin: (N,) nodes to avoid.
-        node: (N,) nodes to go on from.
-        draw: (N,) in [0, 1), which decide.
+    `neighbours` is (M, B) for M nodes; -1: none.
     """
     chosen = np.empty(len(node), np.int64)
     for n in range(len(node)):

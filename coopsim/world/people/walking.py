@@ -1,4 +1,4 @@
-"""One step of people along their ways, compiled: where they go, where they may not, and how fast they get there."""
+"""Steps of people along their ways, compiled: forces between them, vehicles that stop them, and their motion."""
 
 from __future__ import annotations
 
@@ -65,16 +65,16 @@ def advance(
 ) -> Floats:
     """Return the places (N, 2) that people reach in a step, if nothing stops them.
 
-    Each relaxes towards a speed along the way that leaves time to brake for its end, and may be pushed no farther aside
-    than `swerve_m`, or than before.
+    Each relaxes towards a speed along the way that leaves time to brake for its end (`bend_m_s` there, unless a
+    crossing follows), and may be pushed no farther aside than `swerve_m`, or than before.
 
     Args:
         people: N of them.
         heading: (N, 2), see `headings`.
         distance: (N,), see `headings`.
-        waits: (N,) who stay where they are.
-        push: (N, 2) m/s2, by others.
-        bend_m_s: speed at the end of a way, unless a crossing follows.
+        waits: mask (N,) of people who stay.
+        push: (N, 2) m/s2, social forces.
+        bend_m_s: speed at the end of a way.
         swerve_m: greatest distance from the way's middle.
         dt_s: time step.
     """
@@ -100,13 +100,9 @@ def advance(
 
 @njit(cache=True, nogil=True)
 def is_safe(place: Floats, gap_s: Floats, rows: NDArray[Any], direction: Floats) -> Mask:
-    """Return the mask (N,) of places that no vehicle is at or about to reach.
+    """Return the mask (N,) of places (N, 2) m that no vehicle is at, or reaches within `gap_s` (N,).
 
-    Args:
-        place: (N, 2) m.
-        gap_s: (N,) time in which no vehicle may reach it.
-        rows: (V,) `VEHICLE`.
-        direction: (V, 2) unit vectors of the vehicles' headings.
+    `rows` are (V,) `VEHICLE`, `direction` (V, 2) the unit vectors of their headings.
     """
     safe = np.ones(len(place), np.bool_)
     for n in range(len(place)):
@@ -135,13 +131,7 @@ _FORESIGHT_S = 1.0  # during which people keep a vehicle's way free
 
 
 def push_apart(position: Floats, heading: Floats, everybody: NDArray[Any]) -> Floats:
-    """Return the social forces (N, 2) on people, m/s2.
-
-    Args:
-        position: (N, 2) m.
-        heading: (N, 2) unit vectors, where they want to go.
-        everybody: (M,) `BODY`, the same people among them.
-    """
+    """Return the social forces (N, 2) m/s2 on people at (N, 2) m with headings (N, 2), among others (M,) `BODY`."""
     order = np.argsort(everybody["x"], kind="stable")
     first = np.searchsorted(everybody["x"][order], position[:, 0] - _REACH_M)
     return np.asarray(_push_apart(position, heading, everybody, order, first))
@@ -180,7 +170,7 @@ def is_blocked(
         position: (N, 2) m.
         ahead: (N, 2) m, from there to where the road has to be free.
         rows: (V,) `VEHICLE`.
-        passes: whether they may go along a standing vehicle, however close: it may stand because of them.
+        passes: people may go along a standing vehicle, however close: it may stand because of them.
         foresight_s: time over which vehicles are predicted; 0: only their present positions count.
     """
     blocked = np.zeros(len(position), dtype=np.bool_)

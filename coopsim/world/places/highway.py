@@ -21,7 +21,7 @@ from coopsim.world.places.layout import (
     box_part,
     flat_part,
     flights_around,
-    mast_part,
+    post_part,
     rectangle,
 )
 from coopsim.world.places.road_network import RoadNetwork, StraightLane
@@ -80,11 +80,11 @@ def make_highway() -> Layout:
             box_part("wall", (START_M, edge + 9, 0.0), (SCENERY_M, edge + 9.4, 3.5), (150, 140, 120)),
             box_part("wall", (START_M, -edge - 9.4, 0.0), (SCENERY_M, -edge - 9, 3.5), (150, 140, 120)),
             *(
-                mast_part("lamp", np.array([x, side * (edge + 6)]), 9.0)
+                post_part("lamp", np.array([x, side * (edge + 6)]), 9.0)
                 for x in np.arange(-400.0, 2_000.0, 60.0)
                 for side in (-1, 1)
             ),
-            *(mast_part("mast", rsu.translation[:2], RSU_HEIGHT_M) for rsu in rsus),
+            *(post_part("mast", rsu.translation[:2], RSU_HEIGHT_M) for rsu in rsus),
         ),
         road_map=RoadMap(tuple(shown), (), (), (), lines),
         window_m=WINDOW_M,

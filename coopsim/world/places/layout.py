@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -10,7 +11,7 @@ import trimesh
 
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.types import Ints
+from coopsim.types import Ints, Mask
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork, StraightLane
 from coopsim.world.relief.relief import Relief
@@ -52,9 +53,9 @@ class Bay:
     """A place where a vehicle may stand parked.
 
     Attributes:
-        x_m: of its middle.
-        y_m: of its middle.
-        heading_rad: of the vehicle.
+        x_m: middle, along x.
+        y_m: middle, along y.
+        heading_rad: direction of the vehicle.
         label: class of the vehicle; None: a car or, now and then, a van.
     """
 
@@ -69,8 +70,8 @@ class Flight:
     """A drone's way: a circle, facing its center, which may itself move.
 
     Attributes:
-        centre_m: of the circle, x and y, at the start.
-        radius_m: of the circle.
+        centre_m: center at the start, x and y.
+        radius_m: radius.
         phase_rad: the drone's first place on it.
         speed_m_s: along the circle, counter-clockwise.
         drift_m_s: velocity of the circle's center, x and y.
@@ -109,8 +110,17 @@ class Footways:
     """
 
     nodes: Floats
-    neighbours: np.ndarray[tuple[int, int], np.dtype[np.int64]]
-    crossing: np.ndarray[tuple[int, int], np.dtype[np.bool_]]
+    neighbours: Ints
+    crossing: Mask
+
+    @classmethod
+    def linking(cls, nodes: Sequence[Floats], linked: Mask, crossing: Mask) -> Footways:
+        """Make ways between the nodes that a matrix (K, K) links."""
+        neighbours = np.full((len(nodes), linked.sum(axis=1).max()), -1, dtype=np.int64)
+        for row, links in zip(neighbours, linked, strict=True):
+            to = np.flatnonzero(links)
+            row[: len(to)] = to
+        return cls(np.array(nodes), neighbours, crossing)
 
     @property
     def capacity(self) -> int:
@@ -133,7 +143,7 @@ class Layout:
         connected_order: slots in the order in which their cars become connected.
         footways: None where people cannot walk.
         rsus: `world_SE3_base` of possible roadside units, in order; origin on the ground, x towards the road.
-        rsu_height_m: of their masts.
+        rsu_height_m: height of their masts.
         speeds_m_s: target speeds that a policy can choose from, evenly spaced.
         static: meshes.
         road_map: outlines.
@@ -199,14 +209,14 @@ def flat_part(
     return StaticPart(name, vertices, faces, color, reflectivity, closed=False)
 
 
-def mast_part(name: str, foot: Floats, height_m: float) -> StaticPart:
+def post_part(name: str, foot: Floats, height_m: float) -> StaticPart:
     """Build a round post at `foot` (2,) m."""
-    vertices, faces = _mast(height_m)
+    vertices, faces = _post(height_m)
     return StaticPart(name, vertices + np.array([*foot, 0.0]), faces, STEEL, 0.5, closed=True)
 
 
 @lru_cache(maxsize=16)
-def _mast(height_m: float) -> tuple[Floats, Ints]:
+def _post(height_m: float) -> tuple[Floats, Ints]:
     mesh = trimesh.creation.cylinder(radius=0.1, segment=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, height_m]]), sections=8)
     return exact.settled(mesh.vertices), np.asarray(mesh.faces)
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from coopsim.geometry import exact
-from coopsim.geometry.se3 import Floats
+from coopsim.geometry.se3 import Floats, wrap_angle
 
 Road = tuple[str, str]
 """A road by the nodes that it connects; it has one or more lanes side by side."""
@@ -24,15 +24,10 @@ DEFAULT_SPEED_M_S = 20.0
 
 
 class Lane(ABC):
-    """A lane around a middle line.
-
-    Args:
-        width: m.
-        speed_limit: m/s.
-        forbidden: no driver may change to it.
+    """A lane around a middle line; no driver may change to one that is `forbidden`.
 
     Attributes:
-        length: of the middle line, m.
+        length: length of the middle line, m.
     """
 
     length: float
@@ -40,9 +35,10 @@ class Lane(ABC):
     def __init__(self, width: float, speed_limit: float, forbidden: bool) -> None:
         self.width, self.speed_limit, self.forbidden = width, speed_limit, forbidden
 
-    @abstractmethod
     def position(self, along_m: float, aside_m: float) -> Floats:
         """Return a place (2,) m in the world."""
+        place: Floats = self.positions(np.array([along_m]), aside_m)[0]
+        return place
 
     @abstractmethod
     def positions(self, along_m: Floats, aside_m: float) -> Floats:
@@ -60,12 +56,6 @@ class Lane(ABC):
         """Return whether a place (2,) m lies within the lane's edges and a margin, up to 5 m beyond its ends."""
         along, aside = self.local_coordinates(position)
         return bool(abs(aside) <= self.width / 2 + margin_m and -5 <= along < self.length + 5)
-
-    def distance(self, position: Floats, heading_rad: float) -> float:
-        """Return how far aside plus how far beyond an end a place (2,) is (m), plus the angle to the lane (rad)."""
-        along, aside = self.local_coordinates(position)
-        angle = abs(_wrapped(heading_rad - self.heading_at(along)))
-        return float(abs(aside) + max(along - self.length, 0) + max(0 - along, 0) + angle)
 
 
 class StraightLane(Lane):
@@ -87,7 +77,7 @@ class StraightLane(Lane):
         self.direction: Floats = offset / self.length
         self._left = np.array([-self.direction[1], self.direction[0]])
 
-    def position(self, along_m: float, aside_m: float) -> Floats:
+    def position(self, along_m: float, aside_m: float) -> Floats:  # a town asks for thousands
         return np.asarray(self.start + along_m * self.direction + aside_m * self._left)
 
     def positions(self, along_m: Floats, aside_m: float) -> Floats:
@@ -123,29 +113,20 @@ class CircularLane(Lane):
         self.turn = 1 if end_phase > start_phase else -1
         self.length = radius * (end_phase - start_phase) * self.turn
 
-    def position(self, along_m: float, aside_m: float) -> Floats:
-        phase = self._phase(along_m)
-        return np.asarray(
-            self.center + (self.radius - aside_m * self.turn) * np.array([exact.cos(phase), exact.sin(phase)])
-        )
-
     def positions(self, along_m: Floats, aside_m: float) -> Floats:
         phase = self.turn * along_m / self.radius + self.start_phase
         ray = np.stack([exact.cos(phase), exact.sin(phase)], axis=1)
         return np.asarray(self.center + (self.radius - aside_m * self.turn) * ray)
 
     def heading_at(self, along_m: float) -> float:
-        return self._phase(along_m) + np.pi / 2 * self.turn
+        return self.turn * along_m / self.radius + self.start_phase + np.pi / 2 * self.turn
 
     def local_coordinates(self, position: Floats) -> tuple[float, float]:
         offset = position - self.center
         # Adding and subtracting the start phase rounds as highway-env does.
-        phase = self.start_phase + _wrapped(exact.arctan2(offset[1], offset[0]) - self.start_phase)
+        phase = self.start_phase + wrap_angle(exact.arctan2(offset[1], offset[0]) - self.start_phase)
         along = self.turn * (phase - self.start_phase) * self.radius
         return float(along), float(self.turn * (self.radius - exact.norm(offset)))
-
-    def _phase(self, along_m: float) -> float:
-        return self.turn * along_m / self.radius + self.start_phase
 
 
 class RoadNetwork:
@@ -176,13 +157,3 @@ class RoadNetwork:
             for end, lanes in ends.items()
             for number, lane in enumerate(lanes)
         }
-
-    def closest_lane(self, position: Floats, heading_rad: float) -> LaneIndex:
-        """Return the lane with the least `Lane.distance`, the first of equals."""
-        lanes = self.lanes
-        return min(lanes, key=lambda index: lanes[index].distance(position, heading_rad))
-
-
-def _wrapped(angle_rad: float) -> float:
-    """Wrap an angle to [-pi, pi)."""
-    return ((angle_rad + np.pi) % (2 * np.pi)) - np.pi

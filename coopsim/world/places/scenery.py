@@ -1,4 +1,4 @@
-"""Scenery of towns, and its outlines for drawing."""
+"""Scenery of the built-in places: their outlines, ground, buildings and painted lines."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.world.places.layout import ASPHALT, GROUND, MARKING, PAVEMENT, box_part, flat_part, mast_part, rectangle
+from coopsim.world.places.layout import ASPHALT, GROUND, MARKING, PAVEMENT, box_part, flat_part, post_part, rectangle
 from coopsim.world.places.road_network import Road, RoadNetwork, StraightLane
 from coopsim.world.snapshot import RoadMap, StaticPart
 
@@ -48,7 +48,7 @@ def town_parts(
     return (
         *(flat_part(name, shapes, z_m, paint, share) for name, shapes, z_m, paint, share in flat if shapes),
         *walls_of(buildings),
-        *(mast_part("mast", rsu.translation[:2], mast_m) for rsu in rsus),
+        *(post_part("mast", rsu.translation[:2], mast_m) for rsu in rsus),
     )
 
 
@@ -95,12 +95,7 @@ _TOUCH_M = 0.3  # largest gap between the edges of two lanes side by side
 
 
 def lane_lines(network: RoadNetwork, movements: Collection[Road] = ()) -> tuple[Floats, ...]:
-    """Return dashes (4, 2) m, counter-clockwise.
-
-    Args:
-        network: the roads.
-        movements: roads over a junction, where no lines are painted.
-    """
+    """Return dashes (4, 2) m, counter-clockwise, where two straight lanes lie side by side, but not on `movements`."""
     lanes = [
         lane for index, lane in network.lanes.items() if isinstance(lane, StraightLane) and index[:2] not in movements
     ]

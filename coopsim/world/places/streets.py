@@ -190,9 +190,8 @@ def _add_loop(network: RoadNetwork, streets: Streets, arm: int) -> None:
 def turning_loop(half_m: float) -> tuple[tuple[tuple[float, float], tuple[float, float, float]], ...]:
     """Return four bends from one lane to the next, which are `half_m` from the middle line between them.
 
-    Returns:
-        Of each, its center (m) and its radius (m), first and last angle (rad). The lanes end at x = 0, and x leads on
-        in the direction of the lane that is left, at y = -half_m.
+    Each has a center (m), and radius (m), first and last angle (rad). The lanes end at x = 0, and x leads on in the
+    direction of the lane that is left, at y = -half_m.
     """
     neck = _NECK_RADIUS_M
     reach = np.sqrt(
@@ -302,11 +301,7 @@ def footways_of(streets: Streets) -> Footways:
         for a, b in ((left, left + 1), (right, right + 1), (left, following), (left, right)):
             linked[a, b] = linked[b, a] = True
         crossing[left, right] = crossing[right, left] = True
-    neighbours = np.full((count, 3), -1, dtype=np.int64)
-    for node in range(count):
-        to = np.flatnonzero(linked[node])
-        neighbours[node, : len(to)] = to
-    return Footways(np.array(nodes), neighbours, crossing)
+    return Footways.linking(nodes, linked, crossing)
 
 
 def cycleways_of(streets: Streets) -> Footways:

@@ -124,11 +124,7 @@ def _footways(junctions: Mapping[tuple[int, int], Streets]) -> Footways:
             if around in number:
                 linked[k, number[around]] = True
                 break
-    neighbours = np.full((len(keys), 3), -1, dtype=np.int64)
-    for k in range(len(keys)):
-        to = np.flatnonzero(linked[k])
-        neighbours[k, : len(to)] = to
-    return Footways(np.array(nodes), neighbours, crossing)
+    return Footways.linking(nodes, linked, crossing)
 
 
 def _pavements(junctions: Mapping[tuple[int, int], Streets]) -> list[Floats]:

@@ -77,14 +77,14 @@ class EpisodeHeader:
     Attributes:
         scenario: name of the place.
         population: the scenario's numbers, by name.
-        seed: of the episode.
+        seed: the episode's.
         dt_s: time between two frames.
         agents: in the environment's order.
         models: length, width and height (m) by name, in the order that actors' `model` indexes.
         coopsim: version that recorded it.
         place: checksum of the static meshes; None: unknown.
-        detail: of the scenario, which decides models and meshes.
-        description: of the place, as in a scenario file; None: it is built in, or (in version 1) unknown.
+        detail: the scenario's, which decides models and meshes.
+        description: the place as in a scenario file; None: it is built in, or (in version 1) unknown.
         place_seed: seed that the place was drawn from; None: it was not drawn.
     """
 
@@ -160,7 +160,7 @@ class Episode:
         header: constant part.
         frames: number of moments; between them are `frames - 1` steps.
         most_actors: in any frame.
-        size_bytes: of the file.
+        size_bytes: size of the file.
 
     Raises:
         InvalidValueError: the path is not one.

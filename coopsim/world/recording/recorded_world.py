@@ -40,7 +40,7 @@ def record(
         seed: decides everything that happens.
         max_cycles: steps; the file has one frame more.
         dt_s: time between two frames.
-        **numbers: of the scenario: `density`, `detail`, fields of `Population`, and the options of towns.
+        **numbers: `density`, `detail`, fields of `Population`, and the options of towns.
 
     Raises:
         UnknownNameError: no such scenario or number.
@@ -57,18 +57,7 @@ def record(
 
 
 class RecordedWorld:
-    """A world that writes each frame to a file, the present one first.
-
-    Args:
-        world: the source.
-        path: the file; an older one is replaced.
-        scenario: the place and its population.
-        seed: of the world.
-        dt_s: time between two frames.
-
-    Raises:
-        InvalidValueError: the file cannot be written, or a step is not of `dt_s`.
-    """
+    """A world that writes each frame to a file, the present one first; its steps must all be of `dt_s`."""
 
     def __init__(self, world: WorldSource, path: str | Path, scenario: Scenario, seed: int, dt_s: float) -> None:
         self._world, self._dt_s = world, dt_s
@@ -108,12 +97,8 @@ class RecordedWorld:
 class PlayedWorld:
     """A recorded episode, from its first frame.
 
-    Args:
-        episode: the recording.
-        scenario: the place that it was recorded in.
-
     Raises:
-        RecordingError: models or scenery differ from the recording's, or no frame is left to step to.
+        RecordingError: models or scenery of `scenario` differ from the recording's, or no frame is left to step to.
         InvalidValueError: a step is not of the recording's `dt_s`.
     """
 
@@ -155,9 +140,7 @@ class PlayedWorld:
 def recorded_scenario(episode: Episode, place: str | Place | None = None) -> Scenario:
     """Return the scenario that an episode was recorded in.
 
-    Args:
-        episode: the recording.
-        place: its place; None: the one that the recording carries, or else the registered scenario of its name.
+    Without a place it is the one that the recording carries, or else the registered scenario of its name.
 
     Raises:
         RecordingError: the scenario does not exist, or does not accept the population.

@@ -14,7 +14,7 @@ from coopsim.types import Ints
 from coopsim.types.maneuvers import MANEUVERS
 from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.road_network import Road
-from coopsim.world.traffic.drivers import ACC_MAX, change_lane, drive, follow, is_reachable, look_ahead, stop_at
+from coopsim.world.traffic.drivers import ACC_MAX, change_lane, drive, follow, is_reachable, nearest_on_route, stop_at
 from coopsim.world.traffic.fleet import CHAUFFEURED, PARKED, TOWN, Fleet, bodies_of
 from coopsim.world.traffic.lanes import LaneArrays, NumberedNetwork, follow_road, plan_ahead
 from coopsim.world.traffic.motion import SPEED_GAIN_1_S, collide, move, steer
@@ -27,7 +27,7 @@ _LANE_LEFT, _LANE_RIGHT, _FASTER, _SLOWER = (
 
 
 class ArrayEngine:
-    """Steps a fleet on a road network.
+    """The default engine: highway-env's traffic models over arrays.
 
     Args:
         network: the roads.
@@ -50,14 +50,7 @@ class ArrayEngine:
         self._movements = movements_of(network, movements, priority, clearance_m)
 
     def step(self, fleet: Fleet, people: NDArray[Any], dt_s: float, maneuvers: Mapping[int, int]) -> None:
-        """Advance a fleet by `dt_s`.
-
-        Args:
-            fleet: changed in place.
-            people: (M,) `BODY`, obstacles for vehicles.
-            dt_s: time step.
-            maneuvers: indices into `coopsim.types.maneuvers.MANEUVERS`, by row.
-        """
+        """Advance a fleet by `dt_s` among people (M,) `BODY`; `maneuvers` are indices into `MANEUVERS` by row."""
         for row, maneuver in maneuvers.items():
             _obey(self._network, fleet.rows, fleet.routes, row, maneuver, self._speeds)
         if len(self._movements.role):
@@ -120,7 +113,7 @@ def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[
 def _drive_in_town(scene: Scene, me: int, movement_of: Ints) -> float:
     network, vehicle, route = scene.network, scene.rows[me], scene.routes[me]
     plan_ahead(network, vehicle, route)
-    leader, leader_m = look_ahead(scene, me)
+    leader, leader_m = nearest_on_route(scene, me)
     follow_road(network, vehicle, route)
     plan_ahead(network, vehicle, route)
     acceleration = drive(scene, me, leader, leader_m)

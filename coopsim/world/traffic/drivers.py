@@ -13,6 +13,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from coopsim.support.kernels import njit
+from coopsim.world.traffic import rules
 from coopsim.world.traffic.fleet import Body, Vehicle
 from coopsim.world.traffic.lanes import (
     CIRCULAR,
@@ -24,24 +25,6 @@ from coopsim.world.traffic.lanes import (
     start_of_route,
 )
 from coopsim.world.traffic.neighbours import LaneLists, Scene, behind, first_from, in_front
-from coopsim.world.traffic.rules import (
-    COMFORT_ACC_MAX,
-    LONG_M,
-    LOOK_AHEAD_M,
-    MERGE_M,
-    STANDING_M_S,
-    VEHICLE_LENGTH_M,
-    approach_speed,
-    cut_inside_m,
-    extra_gap,
-    interaction,
-    is_person_in_way,
-    is_tail_in_way,
-    is_vehicle_in_way,
-    not_zero,
-    reach_beside,
-    swing_m,
-)
 
 ACC_MAX = 6.0  # m/s2; limit of braking and accelerating
 COMFORT_ACC_MIN = -5.0
@@ -64,14 +47,14 @@ def desired_gap(driver: Vehicle, ego: Body, front: Body) -> float:
 def gap_at(driver: Vehicle, ego: Body, closing: float, length: float) -> float:
     """Return the desired gap to an obstacle of a length (m) that comes nearer at a speed (m/s)."""
     dynamic = ego.speed * driver.time_wanted
-    dynamic += ego.speed * closing / (2 * math.sqrt(-COMFORT_ACC_MAX * COMFORT_ACC_MIN))
-    return DISTANCE_WANTED + dynamic + extra_gap(ego.length, length)
+    dynamic += ego.speed * closing / (2 * math.sqrt(-rules.COMFORT_ACC_MAX * COMFORT_ACC_MIN))
+    return DISTANCE_WANTED + dynamic + rules.extra_gap(ego.length, length)
 
 
 @njit(cache=True, nogil=True)
 def free_road(speed: float, target_speed: float) -> float:
     """Return IDM's acceleration with nothing in front, m/s2."""
-    return COMFORT_ACC_MAX * (1 - math.pow(max(speed, 0.0) / abs(not_zero(target_speed)), DELTA))
+    return rules.COMFORT_ACC_MAX * (1 - math.pow(max(speed, 0.0) / abs(rules.not_zero(target_speed)), DELTA))
 
 
 @njit(cache=True, nogil=True)
@@ -86,7 +69,7 @@ def acceleration(
     if front >= 0:
         gap = desired_gap(driver, bodies[ego], bodies[front])
         distance = distance_along(lane, bodies[ego], bodies[front])
-        result -= COMFORT_ACC_MAX * (gap / not_zero(distance)) ** 2
+        result -= rules.COMFORT_ACC_MAX * (gap / rules.not_zero(distance)) ** 2
     return result
 
 
@@ -140,7 +123,7 @@ def change_lane(scene: Scene, me: int) -> None:
 def is_reachable(lane: LaneRow, x: float, y: float) -> bool:
     """Return whether a vehicle at (x, y) may change to the lane."""
     along, aside = local_coordinates(lane, x, y)
-    return not lane.forbidden and abs(aside) <= 2 * lane.width and 0 <= along < lane.length + VEHICLE_LENGTH_M
+    return not lane.forbidden and abs(aside) <= 2 * lane.width and 0 <= along < lane.length + rules.VEHICLE_LENGTH_M
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -166,7 +149,7 @@ def _is_taken(scene: Scene, me: int, lane: int) -> bool:
     here = scene.network.lanes[rows[me].lane]
     for k in range(len(rows)):
         moves_in = k != me and rows[k].target_lane == lane and rows[k].lane != lane
-        if moves_in and abs(distance_along(here, bodies[me], bodies[k])) < MERGE_M:
+        if moves_in and abs(distance_along(here, bodies[me], bodies[k])) < rules.MERGE_M:
             return True
     return False
 
@@ -201,23 +184,23 @@ def drive(scene: Scene, me: int, leader: int, leader_m: float) -> float:
     if leader < 0:
         return free
     gap = desired_gap(scene.rows[me], scene.bodies[me], scene.bodies[leader])
-    return min(free, free - interaction(gap, leader_m))
+    return min(free, free - rules.interaction(gap, leader_m))
 
 
 @njit(cache=True, nogil=True, inline="always")
 def stop_at(scene: Scene, me: int, line_m: float) -> float:
     """Return IDM's acceleration before a stop line, m/s2: as behind a standing vehicle of usual length."""
     body: Body = scene.bodies[me]
-    gap = gap_at(scene.rows[me], body, body.speed, VEHICLE_LENGTH_M)
-    return _free(scene, me) - interaction(gap, line_m)
+    gap = gap_at(scene.rows[me], body, body.speed, rules.VEHICLE_LENGTH_M)
+    return _free(scene, me) - rules.interaction(gap, line_m)
 
 
 @njit(cache=True, nogil=True, inline="always")
-def look_ahead(scene: Scene, me: int) -> tuple[int, float]:
+def nearest_on_route(scene: Scene, me: int) -> tuple[int, float]:
     """Return the nearest obstacle on the planned route (-1: none), and the distance (m) between middles along it."""
     network, lists, vehicles = scene.network, scene.lists, len(scene.rows)
     vehicle, route = scene.rows[me], scene.routes[me]
-    nearest, nearest_m = -1, LOOK_AHEAD_M
+    nearest, nearest_m = -1, rules.LOOK_AHEAD_M
     start_m = start_of_route(network, vehicle, route)
     for k in range(vehicle.route_length):
         if start_m > nearest_m:
@@ -240,14 +223,16 @@ def look_ahead(scene: Scene, me: int) -> tuple[int, float]:
 
 @njit(cache=True, nogil=True)
 def _is_in_way(vehicle: Vehicle, other: Body, drives: bool, lane: LaneRow, along: float, aside: float) -> bool:
-    reach_m = reach_beside(vehicle.width, other.width)
+    reach_m = rules.passing_distance(vehicle.width, other.width)
     angle = other.heading - heading_at(lane, along)
     if drives:
-        stands = other.crashed or other.speed < STANDING_M_S
-        return is_vehicle_in_way(aside, angle, other.length, other.width, stands, reach_m, _swing_on(vehicle, lane))
+        stands = other.crashed or other.speed < rules.STANDING_M_S
+        return rules.is_vehicle_in_way(
+            aside, angle, other.length, other.width, stands, reach_m, _swing_on(vehicle, lane)
+        )
     if lane.kind == CIRCULAR:
-        reach_m += cut_inside_m(vehicle.length, lane.radius)
-    return is_person_in_way(aside, angle, other.speed, reach_m)
+        reach_m += rules.cut_inside_m(vehicle.length, lane.radius)
+    return rules.is_person_in_way(aside, angle, other.speed, reach_m)
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -262,13 +247,13 @@ def _tail_ahead(scene: Scene, me: int, nearest: int, nearest_m: float) -> tuple[
         body: Body = scene.bodies[other]
         half_m = body.length / 2
         x, y = body.x - half_m * body.dir_x, body.y - half_m * body.dir_y
-        if body.length <= LONG_M or other == me or math.hypot(x - vehicle.x, y - vehicle.y) > nearest_m:
+        if body.length <= rules.LONG_M or other == me or math.hypot(x - vehicle.x, y - vehicle.y) > nearest_m:
             continue
         end_m = here_m
         for k in range(vehicle.route_length):
             lane: LaneRow = network.lanes[lane_of_route(network, vehicle, route, k)]
             start_m, end_m = end_m, end_m + lane.length
-            reach_m = reach_beside(vehicle.width, body.width) + _swing_on(vehicle, lane)
+            reach_m = rules.passing_distance(vehicle.width, body.width) + _swing_on(vehicle, lane)
             if distance_to_box(lane, x, y) > reach_m:  # saves time
                 continue
             along, aside = local_coordinates(lane, x, y)
@@ -276,7 +261,7 @@ def _tail_ahead(scene: Scene, me: int, nearest: int, nearest_m: float) -> tuple[
             if not (0 <= along <= lane.length and half_m < distance_m < nearest_m):
                 continue
             middle_aside = local_coordinates(lane, body.x, body.y)[1]
-            if is_tail_in_way(aside, body.heading - heading_at(lane, along), middle_aside, reach_m):
+            if rules.is_tail_in_way(aside, body.heading - heading_at(lane, along), middle_aside, reach_m):
                 nearest, nearest_m = other, distance_m
     return nearest, nearest_m
 
@@ -286,7 +271,7 @@ def _swing_on(vehicle: Vehicle, lane: LaneRow) -> float:
     """Return how far a vehicle swings out on a lane, m."""
     if lane.kind != CIRCULAR:
         return 0.0
-    return float(swing_m(vehicle.length, vehicle.axle_m, lane.radius))
+    return float(rules.swing_m(vehicle.length, vehicle.axle_m, lane.radius))
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -297,6 +282,6 @@ def _free(scene: Scene, me: int) -> float:
     distance_m = start_of_route(network, vehicle, route)
     for k in range(vehicle.route_length):
         lane: LaneRow = network.lanes[lane_of_route(network, vehicle, route, k)]
-        speed = min(speed, approach_speed(lane.speed_limit, distance_m))
+        speed = min(speed, rules.approach_speed(lane.speed_limit, distance_m))
         distance_m += lane.length
     return free_road(vehicle.speed, speed)

@@ -22,28 +22,10 @@ from coopsim.types import Ints
 from coopsim.types.maneuvers import MANEUVERS
 from coopsim.world.places.layout import CLEARANCE_M, ROADS_AHEAD
 from coopsim.world.places.road_network import CircularLane, Road, RoadNetwork, StraightLane
+from coopsim.world.traffic import rules
 from coopsim.world.traffic.fleet import CHAUFFEURED, HIGHWAY, PARKED, TOWN, Fleet
 from coopsim.world.traffic.lanes import NumberedNetwork
 from coopsim.world.traffic.right_of_way import GRANTED, grant, movements_of
-from coopsim.world.traffic.rules import (
-    LONG_M,
-    LOOK_AHEAD_M,
-    MERGE_M,
-    NEAR_M,
-    STANDING_M_S,
-    approach_speed,
-    cut_inside_m,
-    draw_turn,
-    extra_gap,
-    interaction,
-    is_person_in_way,
-    is_tail_in_way,
-    is_vehicle_in_way,
-    reach_beside,
-    steer_front_axle,
-    swing_m,
-    without_reversing,
-)
 
 
 class SizedVehicle(ControlledVehicle):  # type: ignore[misc]
@@ -78,7 +60,7 @@ class SizedVehicle(ControlledVehicle):  # type: ignore[misc]
         lane = self.road.network.get_lane(target_lane_index)
         along, aside = lane.local_coordinates(self.position + self.axle_m * self.direction)
         ahead = lane.heading_at(along + self.speed * self.TAU_PURSUIT)
-        return float(steer_front_axle(aside, ahead, self.heading, self.speed, self.KP_LATERAL))
+        return float(rules.steer_front_axle(aside, ahead, self.heading, self.speed, self.KP_LATERAL))
 
     def follow_road(self) -> None:
         self.plan_ahead()
@@ -95,7 +77,7 @@ class SizedVehicle(ControlledVehicle):  # type: ignore[misc]
             ways = list(graph.get(here, {}))
             if not ways:
                 return
-            self.route.append((here, ways[draw_turn(self.turn_key, self.turns, len(ways))], None))
+            self.route.append((here, ways[rules.draw_turn(self.turn_key, self.turns, len(ways))], None))
             self.turns += 1
 
     def upcoming(self) -> list[tuple[tuple[str, str], highway_lanes.AbstractLane, float]]:
@@ -119,10 +101,10 @@ class Driver(SizedVehicle, IDMVehicle):  # type: ignore[misc]
 
     def desired_gap(self, ego_vehicle: Vehicle, front_vehicle: Vehicle = None, projected: bool = True) -> float:
         gap: float = super().desired_gap(ego_vehicle, front_vehicle, projected)
-        return gap + float(extra_gap(ego_vehicle.LENGTH, front_vehicle.LENGTH))
+        return gap + float(rules.extra_gap(ego_vehicle.LENGTH, front_vehicle.LENGTH))
 
     def step(self, dt: float) -> None:
-        acceleration = without_reversing(self.action.get("acceleration", 0.0), self.speed, dt)
+        acceleration = rules.without_reversing(self.action.get("acceleration", 0.0), self.speed, dt)
         self.action = self.action | {"acceleration": acceleration}
         super().step(dt)
 
@@ -139,7 +121,7 @@ class HighwayDriver(Driver):
             for other in self.road.vehicles
             if other is not self and other.target_lane_index == lane_index != other.lane_index
         )
-        taken = any(abs(self.lane_distance_to(other)) < MERGE_M for other in moving_in)
+        taken = any(abs(self.lane_distance_to(other)) < rules.MERGE_M for other in moving_in)
         return not taken and bool(super().mobil(lane_index))
 
 
@@ -155,7 +137,7 @@ class TownDriver(Driver):
     """Whether the vehicle has asked for the next of `movements`, and has no grant."""
 
     def act(self, action: dict[str, float] | str | None = None) -> None:
-        self.leader, self.leader_m = self._tail_ahead(*self._look_ahead())
+        self.leader, self.leader_m = self._tail_ahead(*self._nearest_on_route())
         super().act(action)
         if not self.crashed:
             free = self.acceleration(self, None)
@@ -163,7 +145,7 @@ class TownDriver(Driver):
 
     def acceleration(self, ego_vehicle: Vehicle, front_vehicle: Vehicle = None, rear_vehicle: Vehicle = None) -> float:
         """Return IDM's acceleration on a free road, towards the speed that the bends ahead allow."""
-        allowed = [approach_speed(lane.speed_limit, distance_m) for _, lane, distance_m in self.upcoming()]
+        allowed = [rules.approach_speed(lane.speed_limit, distance_m) for _, lane, distance_m in self.upcoming()]
         speed = min(self.target_speed, *allowed)
         return float(self.COMFORT_ACC_MAX * (1 - (max(self.speed, 0.0) / speed) ** self.DELTA))
 
@@ -178,15 +160,15 @@ class TownDriver(Driver):
         return min(accelerations)
 
     def _behind(self, front: RoadObject, distance_m: float) -> float:
-        return float(self.acceleration(self, None) - interaction(self.desired_gap(self, front), distance_m))
+        return float(self.acceleration(self, None) - rules.interaction(self.desired_gap(self, front), distance_m))
 
-    def _look_ahead(self) -> tuple[RoadObject | None, float]:
+    def _nearest_on_route(self) -> tuple[RoadObject | None, float]:
         """Return the nearest obstacle on the planned route, and the distance (m) between middles along it."""
-        nearest: tuple[RoadObject | None, float] = (None, LOOK_AHEAD_M)
+        nearest: tuple[RoadObject | None, float] = (None, rules.LOOK_AHEAD_M)
         near = [
             other
             for other in (*self.road.vehicles, *self.road.objects)
-            if other is not self and np.abs(other.position - self.position).max() < LOOK_AHEAD_M
+            if other is not self and np.abs(other.position - self.position).max() < rules.LOOK_AHEAD_M
         ]
         for _, lane, start_m in self.upcoming():
             if start_m > nearest[1]:
@@ -196,7 +178,7 @@ class TownDriver(Driver):
                 distance_m = start_m + along
                 if not (0 <= along <= lane.length and 0 < distance_m < nearest[1]):
                     continue
-                if abs(aside) > lane.width_at(along) / 2 + NEAR_M:
+                if abs(aside) > lane.width_at(along) / 2 + rules.NEAR_M:
                     continue
                 if self._is_in_way(other, lane, along, aside):
                     nearest = (other, distance_m)
@@ -206,35 +188,35 @@ class TownDriver(Driver):
         """Return `nearest`, or a long vehicle before it that turns off and still has its tail on the route."""
         for other in self.road.vehicles:
             tail = other.position - other.LENGTH / 2 * other.direction
-            if other is self or other.LENGTH <= LONG_M or np.hypot(*(tail - self.position)) > nearest_m:
+            if other is self or other.LENGTH <= rules.LONG_M or np.hypot(*(tail - self.position)) > nearest_m:
                 continue
             for _, lane, start_m in self.upcoming():
                 along, aside = lane.local_coordinates(tail)
                 distance_m = start_m + along + other.LENGTH / 2
                 if not (0 <= along <= lane.length and other.LENGTH / 2 < distance_m < nearest_m):
                     continue
-                reach_m = reach_beside(self.WIDTH, other.WIDTH) + self._swing_m(lane)
+                reach_m = rules.passing_distance(self.WIDTH, other.WIDTH) + self._swing_m(lane)
                 middle_aside = lane.local_coordinates(other.position)[1]
-                if is_tail_in_way(aside, other.heading - lane.heading_at(along), middle_aside, reach_m):
+                if rules.is_tail_in_way(aside, other.heading - lane.heading_at(along), middle_aside, reach_m):
                     nearest, nearest_m = other, distance_m
         return nearest, nearest_m
 
     def _swing_m(self, lane: highway_lanes.AbstractLane) -> float:
-        return (
-            float(swing_m(self.LENGTH, self.axle_m, lane.radius))
-            if isinstance(lane, highway_lanes.CircularLane)
-            else 0.0
-        )
+        if not isinstance(lane, highway_lanes.CircularLane):
+            return 0.0
+        return float(rules.swing_m(self.LENGTH, self.axle_m, lane.radius))
 
     def _is_in_way(self, other: RoadObject, lane: highway_lanes.AbstractLane, along: float, aside: float) -> bool:
-        reach_m = reach_beside(self.WIDTH, other.WIDTH)
+        reach_m = rules.passing_distance(self.WIDTH, other.WIDTH)
         angle = other.heading - lane.heading_at(along)
         if isinstance(other, Vehicle):
-            stands = bool(other.crashed or other.speed < STANDING_M_S)
-            return is_vehicle_in_way(aside, angle, other.LENGTH, other.WIDTH, stands, reach_m, self._swing_m(lane))
+            stands = bool(other.crashed or other.speed < rules.STANDING_M_S)
+            return rules.is_vehicle_in_way(
+                aside, angle, other.LENGTH, other.WIDTH, stands, reach_m, self._swing_m(lane)
+            )
         if isinstance(lane, highway_lanes.CircularLane):
-            reach_m += cut_inside_m(self.LENGTH, lane.radius)
-        return is_person_in_way(aside, angle, other.speed, reach_m)
+            reach_m += rules.cut_inside_m(self.LENGTH, lane.radius)
+        return rules.is_person_in_way(aside, angle, other.speed, reach_m)
 
 
 class _Line(RoadObject):  # type: ignore[misc]

@@ -78,9 +78,6 @@ class LaneArrays(NamedTuple):
 class NumberedNetwork:
     """A road network with numbers for lanes and roads.
 
-    Args:
-        network: the roads.
-
     Attributes:
         source: the roads.
         lane_index: names of lanes by number.

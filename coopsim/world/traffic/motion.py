@@ -19,16 +19,9 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
+from coopsim.world.traffic import rules
 from coopsim.world.traffic.fleet import CHAUFFEURED, Body, Vehicle
 from coopsim.world.traffic.lanes import LaneRow, closest_lane, heading_at, local_coordinates
-from coopsim.world.traffic.rules import (
-    STEERING_MAX_RAD,
-    angle_to_lane,
-    not_zero,
-    steer_front_axle,
-    without_reversing,
-    wrap,
-)
 
 HEADING_GAIN_1_S = 5.0
 SPEED_GAIN_1_S = 1 / 0.6
@@ -47,11 +40,11 @@ def steer(lane: LaneRow, vehicle: Vehicle) -> float:
         return float(_steer_by_front_axle(lane, vehicle))
     along, aside = local_coordinates(lane, vehicle.x, vehicle.y)
     ahead = heading_at(lane, along + vehicle.speed * PURSUIT_S)
-    speed = not_zero(vehicle.speed)
-    towards = angle_to_lane(aside, vehicle.speed, vehicle.lateral_gain)
-    turn_rate = HEADING_GAIN_1_S * wrap(ahead + towards - vehicle.heading)
+    speed = rules.not_zero(vehicle.speed)
+    towards = rules.angle_to_lane(aside, vehicle.speed, vehicle.lateral_gain)
+    turn_rate = HEADING_GAIN_1_S * rules.wrap(ahead + towards - vehicle.heading)
     slip = math.asin(min(max(vehicle.axle_m / speed * turn_rate, -1.0), 1.0))
-    return min(max(math.atan(2 * math.tan(slip)), -STEERING_MAX_RAD), STEERING_MAX_RAD)
+    return min(max(math.atan(2 * math.tan(slip)), -rules.STEERING_MAX_RAD), rules.STEERING_MAX_RAD)
 
 
 @njit(cache=True, nogil=True)
@@ -60,7 +53,7 @@ def _steer_by_front_axle(lane: LaneRow, vehicle: Vehicle) -> float:
     y = vehicle.y + vehicle.axle_m * math.sin(vehicle.heading)
     along, aside = local_coordinates(lane, x, y)
     ahead = heading_at(lane, along + vehicle.speed * PURSUIT_S)
-    return steer_front_axle(aside, ahead, vehicle.heading, vehicle.speed, vehicle.lateral_gain)
+    return rules.steer_front_axle(aside, ahead, vehicle.heading, vehicle.speed, vehicle.lateral_gain)
 
 
 @njit(cache=True, nogil=True)
@@ -86,7 +79,7 @@ def move(lanes: NDArray[Any], rows: NDArray[Any], dt_s: float) -> None:
 def _limit(vehicle: Vehicle, dt_s: float) -> None:
     """Limit steering and acceleration to what the vehicle can do."""
     if vehicle.driver != CHAUFFEURED:
-        vehicle.acceleration = without_reversing(vehicle.acceleration, vehicle.speed, dt_s)
+        vehicle.acceleration = rules.without_reversing(vehicle.acceleration, vehicle.speed, dt_s)
     if vehicle.crashed:
         vehicle.steering, vehicle.acceleration = 0.0, -vehicle.speed
     if vehicle.speed > SPEED_MAX_M_S:

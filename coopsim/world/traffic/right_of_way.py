@@ -1,7 +1,8 @@
-"""Right of way where roads meet: constants, conflicts and roles of movements, for either engine.
+"""Right of way where roads meet: conflicts and roles of movements, and grants as kernels, for either engine.
 
 A movement is a road over a junction, from stop line to exit. Vehicles ask for theirs; the first to ask goes first, and
-a vehicle that would cross one that waits longer waits, too, so none starves.
+a vehicle that would cross one that waits longer waits, too, so none starves. A vehicle with a grant keeps it until it
+has left the junction; one without treats the stop line as an obstacle.
 
 A vehicle bars a movement only until its tail is past the place where the two come close. A vehicle that waits for space
 behind the junction, or in line behind such a one, does not bar those at the head of their lines: queues around a block
@@ -90,11 +91,8 @@ def clearances(network: RoadNetwork, movements: Sequence[Road], clearance_m: flo
 def _last_near(points: Floats, first: Ints, origin: Ints, near_m: Floats) -> Ints:
     """Return (K, K) the number of line b's last point that is near line a, -1: none, or both start at one node.
 
-    Args:
-        points: (P, 2) m of all lines.
-        first: (K + 1,) first point of each line, and P.
-        origin: (K,) node that each starts at.
-        near_m: (K, K) distance below which lines are near.
+    `points` (P, 2) m are those of all lines, `first` (K + 1,) the first one of each line, and P, `origin` (K,) the
+    nodes that lines start at, and `near_m` (K, K) the distances below which they are near.
     """
     count = len(origin)
     last = np.full((count, count), -1)
@@ -139,7 +137,7 @@ class Movements(NamedTuple):
 
     Attributes:
         of_road: (R,) number of the movement that a road is, -1: none.
-        clear_m: (K, K) clearances, see `coopsim.world.traffic.right_of_way.clearances`.
+        clear_m: (K, K) m, see `clearances`.
         role: (K,) `FIRST`, `USUAL` or `YIELDS`.
         exit: (K,) node that a movement leads to.
     """
@@ -164,21 +162,14 @@ def movements_of(
 
 @njit(cache=True, nogil=True)
 def grant(network: LaneArrays, rows: NDArray[Any], routes: Ints, movements: Movements) -> None:
-    """Renew `movement` and `ticket` of all vehicles.
-
-    Args:
-        network: the roads.
-        rows: the fleet's.
-        routes: the fleet's.
-        movements: of the place.
-    """
+    """Renew `movement` and `ticket` of all vehicles."""
     clear_m, role = movements.clear_m, movements.role
     line_m, node = np.empty(len(rows)), np.empty(len(rows), np.int64)
     for i in range(len(rows)):
         plan_ahead(network, rows[i], routes[i])
         line_m[i], node[i] = _ask(network, rows[i], routes[i], movements)
     tail_m = -line_m - rows["length"] / 2
-    held, short = _hold(network, rows, routes, movements, (line_m, node))
+    held, short = _revoke(network, rows, routes, movements, (line_m, node))
     _number_new_askers(rows)
     waiting = _in_order(rows)
     _serve_nearest_first(rows, waiting, line_m, node)
@@ -223,9 +214,8 @@ def line_ahead(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: 
 def _ask(network: LaneArrays, vehicle: Vehicle, route: Ints, movements: Movements) -> tuple[float, int]:
     """Note what a vehicle asks for, and grant what needs no asking.
 
-    Returns:
-        The distance (m) to its stop line, which is <= 0 where it is on its movement, and the node there; -inf and -1
-        where it asks for nothing.
+    Return the distance (m) to its stop line, which is <= 0 where it is on its movement, and the node there; -inf and -1
+    where it asks for nothing.
     """
     if vehicle.driver == PARKED:
         return -np.inf, -1
@@ -245,14 +235,13 @@ def _ask(network: LaneArrays, vehicle: Vehicle, route: Ints, movements: Movement
 
 
 @njit(cache=True, nogil=True)
-def _hold(
+def _revoke(
     network: LaneArrays, rows: NDArray[Any], routes: Ints, movements: Movements, lines: tuple[Floats, Ints]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Revoke grants that cannot be used; those vehicles keep their place before all waiting ones.
 
-    Returns:
-        Masks (N,): vehicles that wait for space behind the junction, those in line behind them, and those with priority
-        that are in line behind one that gives way; and the first of these alone.
+    Return masks (N,): vehicles that wait for space behind the junction, those in line behind them, and those with
+    priority that are in line behind one that gives way; and the first of these alone.
     """
     role, (line_m, node) = movements.role, lines
     held, short = np.zeros(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)

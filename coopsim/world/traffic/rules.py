@@ -130,7 +130,7 @@ def swing_m(length_m: float, axle_m: float, radius_m: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def reach_beside(width_m: float, other_width_m: float) -> float:
+def passing_distance(width_m: float, other_width_m: float) -> float:
     """Return the distance aside within which two bodies leave too little room to pass."""
     return (width_m + other_width_m) / 2 + BESIDE_M
 
@@ -145,14 +145,7 @@ def is_vehicle_in_way(
     with its ends in the lane. A driver that swings out also stays behind vehicles of its direction on the outside, but
     not beside oncoming ones: the two would wait for each other.
 
-    Args:
-        aside: of the other on the lane.
-        angle: of the other to the lane.
-        length_m: of the other.
-        width_m: of the other.
-        stands: whether the other stands or is a wreck.
-        reach_m: see `reach_beside`.
-        swing: distance by which the driver swings out on the lane.
+    All arguments are the other's but `reach_m` (see `passing_distance`) and `swing`, the driver's swing on the lane.
     """
     same_way = math.cos(angle) > SAME_WAY
     if same_way:

@@ -73,12 +73,6 @@ ENGINES: dict[str, Callable[[NumberedNetwork, _Roads, Sequence[float], _Roads, f
 class Spawner:
     """Makes the vehicles of an episode.
 
-    Args:
-        layout: the place.
-        network: its roads.
-        models: shapes to choose from.
-        seed: the episode's.
-
     Attributes:
         rng: draws of traffic.
     """
@@ -182,13 +176,7 @@ def slow_down_behind_others(fleet: Fleet, count: int) -> None:
 class Traffic:
     """All vehicles of one episode.
 
-    Args:
-        layout: the place.
-        population: numbers of vehicles.
-        models: shapes to choose from.
-        seed: the episode's.
-        policy_control: connected cars obey maneuvers.
-        engine: one of `ENGINES`.
+    Under `policy_control` connected cars obey maneuvers; `engine` is one of `ENGINES`.
 
     Attributes:
         fleet: the vehicles, moving ones first, then parked ones.
@@ -239,13 +227,7 @@ class Traffic:
         self._company = np.array([k for k in company if _goes_east(layout.slots[slots[k]].lane)], dtype=np.int64)
 
     def step(self, dt_s: float, maneuvers: Mapping[int, int], people: NDArray[Any]) -> None:
-        """Advance by `dt_s`.
-
-        Args:
-            dt_s: time step.
-            maneuvers: indices into `coopsim.types.maneuvers.MANEUVERS` by the number of the connected car.
-            people: (M,) `coopsim.world.traffic.fleet.BODY`, obstacles for vehicles.
-        """
+        """Advance by `dt_s` among people (M,) `BODY`; maneuvers are indices into `MANEUVERS` by the car's number."""
         self._keep_together()
         by_row = {self.connected[number]: maneuver for number, maneuver in maneuvers.items()}
         self._engine.step(self.fleet, people, dt_s, by_row)

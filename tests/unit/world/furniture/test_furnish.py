@@ -30,7 +30,7 @@ from coopsim.world.furniture.furnish import (
     with_furniture,
 )
 from coopsim.world.furniture.sides import street_sides
-from coopsim.world.places.junctions import make_crossing
+from coopsim.world.places.crossings import make_crossing
 from coopsim.world.places.layout import Layout, lane_outline
 from coopsim.world.scenario import SCENARIOS, make_scenario
 from coopsim.world.snapshot import Actors

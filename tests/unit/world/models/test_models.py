@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from coopsim.errors import InvalidValueError
 from coopsim.types.taxonomy import CLASS_NAMES, ObjectClass
 from coopsim.world.models import make_models
-from coopsim.world.models.figure import reach
+from coopsim.world.models.figure import bend_limbs
 from coopsim.world.models.model import Model
 from coopsim.world.scenario import SCENARIOS, make_scenario
 
@@ -113,7 +113,7 @@ def test_reach_keeps_the_lengths_of_the_links_and_arrives() -> None:
     for _ in range(50):
         start: NDArray[np.float64] = rng.normal(size=(2, 3))
         end = start + rng.normal(size=(2, 3))
-        middle, tip = np.moveaxis(reach(start, end, (0.7, 0.6), (1.0, 0.2, 0.1)), 1, 0)
+        middle, tip = np.moveaxis(bend_limbs(start, end, (0.7, 0.6), (1.0, 0.2, 0.1)), 1, 0)
         np.testing.assert_allclose(np.linalg.norm(middle - start, axis=1), 0.7, rtol=1e-9)
         np.testing.assert_allclose(np.linalg.norm(tip - middle, axis=1), 0.6, rtol=1e-9)
         far = np.linalg.norm(end - start, axis=1)

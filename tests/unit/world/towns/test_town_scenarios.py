@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from coopsim.errors import CrowdedWarning, InvalidValueError, UnknownNameError
+from coopsim.world.places.crossings import make_crossing
 from coopsim.world.places.highway import make_highway
-from coopsim.world.places.junctions import make_crossing
 from coopsim.world.population import Population
 from coopsim.world.scenario import rooms
 from coopsim.world.towns.options import PlaceSeeds, TownOptions
