@@ -33,6 +33,11 @@ class LabelledInstances:
     rows: Tensor
     objects: Tensor
 
+    def shown(self, truth: TrueObjects) -> LabelledInstances:
+        """Return those whose objects are to be found."""
+        kept = truth.shown[self.objects]
+        return LabelledInstances(self.rows[kept], self.objects[kept])
+
     def by_row(self, count: int) -> Tensor:
         """Return the object of each of `count` instances, (count,), or -1."""
         found = torch.full((count,), -1, dtype=torch.int64)
@@ -56,8 +61,8 @@ def instance_losses(
 
     Classes have `class_loss`, boxes L1 of x, y, z (m), logs of sizes, sine of the yaw's error, and velocity (10 m/s).
     """
-    shown = truth.shown[labels.objects]
-    rows, objects = labels.rows[shown], labels.objects[shown]
+    found = labels.shown(truth)
+    rows, objects = found.rows, found.objects
     box, true = known.box[rows], truth.box[objects]
     errors = torch.cat(
         [
@@ -75,13 +80,12 @@ def class_loss(logits: Tensor, truth: TrueObjects, labels: LabelledInstances) ->
 
     Instances of objects that are not to be found do not count.
     """
-    shown = truth.shown[labels.objects]
-    rows, objects = labels.rows[shown], labels.objects[shown]
+    found = labels.shown(truth)
     counted = torch.ones(len(logits), dtype=torch.bool)
-    counted[labels.rows[~shown]] = False
+    counted[labels.rows[~truth.shown[labels.objects]]] = False
     target = torch.zeros_like(logits)
-    target[rows, truth.label[objects]] = 1.0
-    return focal_loss(logits, target, alpha=0.25, gamma=2.0)[counted].sum() / max(len(rows), 1)
+    target[found.rows, truth.label[found.objects]] = 1.0
+    return focal_loss(logits, target, alpha=0.25, gamma=2.0)[counted].sum() / max(len(found.rows), 1)
 
 
 def association_loss(compared: ComparedInstances, own: LabelledInstances, others: LabelledInstances) -> Tensor:
@@ -117,28 +121,22 @@ def frame_losses(taught: TaughtFrame) -> dict[str, Tensor]:
 
     Classes have the focal loss, in which s_t is to be high for tracks whose object any agent sees now. Boxes have 1 -
     XIOU ("xiou") or, for comparison, 1 - (GIoU + 1) / 2 ("giou"), which is the same but for headings; velocities L1
-    (10 m/s), turns by half a circle cross entropy ("turn"). Predicted boxes are taught for hidden objects, too.
+    (10 m/s), turns by half a circle cross entropy ("turn"). Predictions of hidden objects learn boxes, no class.
     """
     step, truth = taught.step, taught.truth
     labels = labelled(step.detected, truth)
-    shown = truth.shown[labels.objects]
-    found = LabelledInstances(labels.rows[shown], labels.objects[shown])
     parts = {
         "detection class": class_loss(step.detected_logits, truth, labels),
-        "prediction class": _seen_loss(step.predicted_logits, taught),
+        "prediction class": class_loss(step.predicted_logits, truth, taught.same.shown(truth)),
     }
-    branches = ((step.detected, step.detected_turn, found), (step.predicted, step.predicted_turn, taught.same))
+    branches = (
+        (step.detected, step.detected_turn, labels.shown(truth)),
+        (step.predicted, step.predicted_turn, taught.same),
+    )
     for known, turn, pairs in branches:
         for name, part in _box_losses(known, turn, truth, pairs).items():
             parts[name] = parts.get(name, 0.0) + part
     return parts
-
-
-def _seen_loss(logits: Tensor, taught: TaughtFrame) -> Tensor:
-    """Return the focal loss of predictions; those of objects that no agent sees are to be of no class."""
-    seen = taught.truth.shown[taught.same.objects]
-    same = LabelledInstances(taught.same.rows[seen], taught.same.objects[seen])
-    return class_loss(logits, taught.truth, same)
 
 
 def _box_losses(known: Instances, turn: Tensor, truth: TrueObjects, pairs: LabelledInstances) -> dict[str, Tensor]:

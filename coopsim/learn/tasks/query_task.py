@@ -182,8 +182,7 @@ class QueryEvaluation:
         found = kept_instances(step.instances)
         found = found[found.score >= SURE]
         labels = labelled(found, truth)
-        shown = truth.shown[labels.objects]
-        rows, objects = labels.rows[shown], labels.objects[shown]
+        rows, objects = labels.shown(truth).rows, labels.shown(truth).objects
         ignored = len(labels.rows) - len(rows)
         self._counts += Counter(there=int(truth.shown.sum()), right=len(rows), found=len(found) - ignored)
         self._place_m += (found.box[rows, :2] - truth.box[objects, :2]).norm(dim=1).tolist()
