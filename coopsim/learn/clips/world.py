@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -135,15 +135,6 @@ _KINDS = ("cav", "rsu", "drone")
 _K1, _K2_MOST, _K2_LEAST_OF_K1_SQUARED, _P = (-0.25, -0.05), 0.05, 0.6, (-0.002, 0.002)
 
 
-class _Mount(NamedTuple):
-    """Lens of a camera, and its differences from a named rig's."""
-
-    lens: Intrinsics
-    turn_rad: float
-    pitch_rad: float
-    above_m: float
-
-
 def draw_cameras(recipe: WorldRecipe, rng: Callable[[str], np.random.Generator]) -> dict[str, Rig]:
     """Draw the cameras of the agents of each kind, with the random stream of a purpose; none without `recipe.cameras`.
 
@@ -153,11 +144,12 @@ def draw_cameras(recipe: WorldRecipe, rng: Callable[[str], np.random.Generator])
         return {}
     name = one_of(recipe.cameras, rng("cameras"))
     distorts = rng("distortion").random() < recipe.distorted_share
-    mounts = {camera.name: _mount(camera.name, recipe, rng, distorts) for camera in rig(name)}
-    return {kind: tuple(_mounted(camera, mounts[camera.name]) for camera in rig(name, kind)) for kind in _KINDS}
+    return {kind: tuple(_changed(camera, recipe, rng, distorts) for camera in rig(name, kind)) for kind in _KINDS}
 
 
-def _mount(name: str, recipe: WorldRecipe, rng: Callable[[str], np.random.Generator], distorts: bool) -> _Mount:
+def _changed(camera: Camera, recipe: WorldRecipe, rng: Callable[[str], np.random.Generator], distorts: bool) -> Camera:
+    """Return a camera with drawn lens and mount; a stream of its own for each draw makes all kinds draw the same."""
+    name = camera.name
     fov_rad = float(np.radians(between(recipe.camera_fov_deg, rng(f"opening of {name}"))))
     if distorts:
         coefficients = _distortion(rng(f"lens of {name}"))
@@ -166,10 +158,11 @@ def _mount(name: str, recipe: WorldRecipe, rng: Callable[[str], np.random.Genera
         lens = Intrinsics.from_fov(horizontal_fov_rad=2 * float(np.arctan(edge)), distortion=coefficients)
     else:
         lens = Intrinsics.from_fov(horizontal_fov_rad=fov_rad)
-    return _Mount(
-        lens,
-        turn_rad=float(np.radians(between(recipe.camera_turn_deg, rng(f"turn of {name}")))),
-        pitch_rad=float(np.radians(between(recipe.camera_pitch_deg, rng(f"pitch of {name}")))),
+    return replace(
+        camera,
+        intrinsics=lens,
+        yaw_rad=camera.yaw_rad + float(np.radians(between(recipe.camera_turn_deg, rng(f"turn of {name}")))),
+        pitch_rad=camera.pitch_rad + float(np.radians(between(recipe.camera_pitch_deg, rng(f"pitch of {name}")))),
         above_m=between(recipe.camera_above_m, rng(f"height of {name}")),
     )
 
@@ -178,16 +171,6 @@ def _distortion(rng: np.random.Generator) -> Coefficients:
     k1 = between(_K1, rng)
     k2 = between((_K2_LEAST_OF_K1_SQUARED * k1**2, _K2_MOST), rng)
     return (k1, k2, between(_P, rng), between(_P, rng), 0.0)
-
-
-def _mounted(camera: Camera, mount: _Mount) -> Camera:
-    return replace(
-        camera,
-        intrinsics=mount.lens,
-        yaw_rad=camera.yaw_rad + mount.turn_rad,
-        pitch_rad=camera.pitch_rad + mount.pitch_rad,
-        above_m=mount.above_m,
-    )
 
 
 def between(ends: Sequence[float], rng: np.random.Generator) -> float:
