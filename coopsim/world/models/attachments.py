@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from coopsim.geometry import exact
+from coopsim.geometry.se3 import Floats
 from coopsim.world.models.parts import (
     ACCENT,
     GLASS,
@@ -150,6 +151,18 @@ def _bars(shape: Shape, above_m: float) -> list[Part]:
     z, half = shape.size_m[2], 0.33 * shape.size_m[1]
     places = (rear + 0.25 * (front - rear), rear + 0.8 * (front - rear))
     return [block((x - 0.03, x + 0.03), half, (z - 0.04, z + above_m), PLASTIC) for x in places]
+
+
+def hoop(hub: Floats, radius: float, sides: int = 12) -> Part:
+    """Build a tyre of triangular section, without spokes."""
+    turn = np.arange(sides) * 2 * np.pi / sides + np.pi / sides
+    spoke = np.stack([exact.cos(turn), np.zeros(sides), exact.sin(turn)], axis=1)
+    rings = [
+        hub + radius * spoke,
+        hub + 0.92 * radius * spoke + [0, 0.022, 0],
+        hub + 0.92 * radius * spoke - [0, 0.022, 0],
+    ]
+    return loft(np.stack(rings, axis=1), TYRE, ring=True)
 
 
 def _wheel_across(x: float, y: float, z: float, radius: float, sides: int = 8) -> Part:

@@ -16,7 +16,7 @@ import numpy as np
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.models.attachments import WOOD, plate
+from coopsim.world.models.attachments import WOOD, hoop, plate
 from coopsim.world.models.figure import JEANS, LEATHER, Appearance, dressed, seated
 from coopsim.world.models.model import Model
 from coopsim.world.models.parts import (
@@ -28,7 +28,6 @@ from coopsim.world.models.parts import (
     PLASTIC,
     RGB,
     TAILLIGHT,
-    TYRE,
     Part,
     Surface,
     across,
@@ -188,18 +187,6 @@ def bicycle_frame(paint: Surface, scale: float) -> list[Part]:
         tube(grips + 0.28 * scale * PAIR, slim, PLASTIC, 3),
         block((0.10 * scale, 0.36 * scale), 0.08 * scale, (0.92 * scale, 0.98 * scale), LEATHER),
     ]
-
-
-def hoop(hub: Floats, radius: float, sides: int = 12) -> Part:
-    """Build a tyre of triangular section, without spokes."""
-    turn = np.arange(sides) * 2 * np.pi / sides + np.pi / sides
-    spoke = np.stack([exact.cos(turn), np.zeros(sides), exact.sin(turn)], axis=1)
-    rings = [
-        hub + radius * spoke,
-        hub + 0.92 * radius * spoke + [0, 0.022, 0],
-        hub + 0.92 * radius * spoke - [0, 0.022, 0],
-    ]
-    return loft(np.stack(rings, axis=1), TYRE, ring=True)
 
 
 def _kick_scooter(name: str, share: float, height: float, appearance: Appearance) -> Model:
