@@ -121,20 +121,10 @@ def fuse_groups(
     hearsay: Floats,
     least_chance: float,
 ) -> Floats:
-    """Fuse the boxes of G agents, as `trust_likelier` says, in one call without the interpreter.
+    """Fuse the valid boxes (N, 7) of G agents, as `trust_likelier` says, in one call without the interpreter.
 
-    Args:
-        boxes: (N, 7) valid boxes of all agents.
-        score: (N,) their scores.
-        label: (N,) their classes.
-        starts: (G + 1,) agent g has the rows from starts[g] to starts[g + 1] - 1.
-        gate: smallest BEV GIoU of boxes on one object.
-        doubt: (7,) weights of a `SourceOdds`, for boxes of objects that both agents see.
-        hearsay: (7,) weights for boxes of objects that only another agent sees; (0,): they are trusted.
-        least_chance: smallest chance of a replaced box that is kept.
-
-    Returns:
-        The fused boxes (K, 14), then the replaced ones that are kept.
+    Agent g has the rows from starts[g] to starts[g + 1] - 1. The weights are those (7,) of a `SourceOdds`; `hearsay`
+    may be empty. Return the fused boxes (K, 14), then the replaced ones that are kept.
     """
     fused = replaced = np.empty((0, ORIGIN + 1))
     for g in range(len(starts) - 1):

@@ -139,11 +139,6 @@ class SourceOdds:
         scores, away = (self.own_score, self.other_score), (self.own_away, self.other_away)
         return np.array([self.bias, *scores, *away, self.gap, self.gap_away], dtype=np.float64)
 
-    def probability_other(self, features: Floats) -> Floats:
-        """Return the probability (N,) that the other box is right; `features` (N, 6) as from `pair_features`."""
-        probability: Floats = probability_other(self.weights, features)
-        return probability
-
 
 @njit(cache=True, nogil=True)
 def pair_features(

@@ -22,7 +22,7 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import KDTree
 
 from coopsim.errors import InvalidValueError
-from coopsim.fusion.agent_matches import match_agents
+from coopsim.fusion.pooling import match_agents
 from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.iou import iou_3d
 from coopsim.geometry.se3 import Floats
@@ -92,15 +92,9 @@ def group(
     A group has at most one box of each agent. Where chains of matches contradict that, the best matches count. With two
     agents a group is a matched pair or a single box.
 
-    Args:
-        boxes: (N, 7) of all agents, in one frame.
-        agent: (N,) number of the box's agent, any numbering.
-        threshold: smallest affinity of a match; > 0 for `iou_3d`, because boxes far apart have 0.
-        label: (N,) classes, which never mix; None: all the same.
-        kernel: the affinity, `iou_3d` or `giou_3d`.
-
-    Returns:
-        (N,) group of each box, numbered from 0 in order of their first boxes.
+    Boxes (N, 7) are in one frame; agents (N,) may have any numbers, and classes (N,) never mix. The threshold, the
+    smallest affinity of a match, is > 0 for `iou_3d`, because boxes far apart have 0. Return the group (N,) of each
+    box, numbered from 0 in order of their first boxes.
     """
     rows = frozen(boxes, (None, 7), np.float64, "boxes")
     names, owner = np.unique(frozen(agent, (len(rows),), np.int64, "agent"), return_inverse=True)

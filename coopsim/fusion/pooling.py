@@ -8,13 +8,14 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from coopsim.fusion.agent_matches import match_agents
-from coopsim.fusion.duplicates import seen_by_any, weighted_means
+from coopsim.geometry.assignment import match_pairs
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.iou import iou_3d
 from coopsim.geometry.nms import suppress
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_choice, require_threshold
-from coopsim.types import Detections, Ints
+from coopsim.support.kernels import njit
+from coopsim.types import Detections, Ints, Mask
 from coopsim.types.embedding import normalize_embeddings
 from coopsim.types.groups import DetectionGroups
 
@@ -40,7 +41,7 @@ def merge_duplicates(detections: Detections, iou_threshold: float, merge: str = 
     costs some overlap of the matched boxes (AMOTP), and often some identity switches.
 
     Args:
-        detections: of all agents, in one frame.
+        detections: boxes of all agents, in one frame.
         iou_threshold: boxes of a class with at least this BEV IoU are one object, in (0, 1].
         merge: one of `MERGES`.
 
@@ -94,19 +95,14 @@ def merge_matched(groups: Sequence[Detections], iou_threshold: float) -> Detecti
 
 
 def _merged(detections: Detections, order: Ints, kept: Ints, number: Ints, merge: str) -> Detections:
-    """Return K detections of N duplicates.
+    """Return K detections of N duplicates: those at `kept` (K,), merged with all of their number (N,), -1 for none.
 
-    Args:
-        detections: N, of all agents.
-        order: their rows, best score first; may lack some.
-        kept: (K,) rows of the best ones.
-        number: (N,) of each row the object, a row of the result; -1: left out.
-        merge: one of `MERGES`.
+    `order` has the rows of the duplicates, best score first; it may lack some.
     """
-    boxes, score = detections.boxes.array, detections.score
+    boxes, score, order = detections.boxes.array, detections.score, order[number[order] >= 0]
     best, covariance = detections.boxes[kept], detections.covariance
     if merge == "mean":
-        extent = weighted_means(boxes, np.maximum(score, _LEAST_WEIGHT), order, number, len(kept))
+        extent = _weighted_means(boxes, np.maximum(score, _LEAST_WEIGHT), order, number, len(kept))
         best = Boxes3D.trusted(extent[:, :3], extent[:, 3:], best.yaw)
     embedding, seen_by = detections.embedding, detections.seen_by
     return Detections.trusted(
@@ -114,8 +110,8 @@ def _merged(detections: Detections, order: Ints, kept: Ints, number: Ints, merge
         score[kept],
         detections.label[kept],
         None if covariance is None else covariance[kept],
-        None if embedding is None else _first_embedding(embedding, order[number[order] >= 0], number),
-        None if seen_by is None else seen_by_any(seen_by, number, len(kept)),
+        None if embedding is None else _first_embedding(embedding, order, number),
+        None if seen_by is None else _seen_by_any(seen_by, number, len(kept)),
     )
 
 
@@ -134,3 +130,49 @@ def _first_embedding(embedding: Floats, order: Ints, number: Ints) -> Floats:
     _, first = np.unique(number[order], return_index=True)
     chosen: Floats = embedding[order[first]]
     return chosen
+
+
+def match_agents(boxes: Floats, owner: Ints, label: Ints, threshold: float) -> tuple[Ints, Floats]:
+    """Match the boxes (N, 7) of every two agents and of one class, one to one for the largest sum of 3D IoU.
+
+    Owners (N,) number the agents from 0, and the threshold is > 0. Return the pairs (K, 2) of rows, the lower agent's
+    first, and their IoU (K,), in order of agents and rows.
+    """
+    overlap = iou_3d(boxes, boxes)
+    rows, columns = np.nonzero((overlap > 0) & (owner[:, None] < owner) & (label[:, None] == label))
+    order = np.lexsort((columns, rows, owner[columns], owner[rows]))
+    rows, columns = rows[order], columns[order]
+    value = overlap[rows, columns]
+    kept = _matched(rows, columns, value, owner) & (value >= threshold)
+    return np.column_stack([rows, columns])[kept], value[kept]
+
+
+@njit(cache=True, nogil=True)
+def _matched(rows: Ints, columns: Ints, value: Floats, owner: Ints) -> Mask:
+    """Return which pairs (K,), in order of their agents, are in the best matching of their two agents."""
+    matched = np.zeros(len(rows), dtype=np.bool_)
+    first = 0
+    for end in range(1, len(rows) + 1):
+        if end < len(rows) and owner[rows[end]] == owner[rows[first]] and owner[columns[end]] == owner[columns[first]]:
+            continue
+        for each in match_pairs(len(owner), len(owner), rows[first:end], columns[first:end], value[first:end]):
+            if each >= 0:
+                matched[first + each] = True
+        first = end
+    return matched
+
+
+def _weighted_means(boxes: Floats, weight: Floats, order: Ints, number: Ints, count: int) -> Floats:
+    """Return the weighted mean centre and size (count, 6) of boxes (N, 7) by number (N,), summed in an order."""
+    of, columns = number[order], np.arange(6)
+    share = weight[order] / np.bincount(of, weight[order], count)[of]
+    weighted = share[:, None] * boxes[order, :6]
+    return np.bincount((6 * of[:, None] + columns).ravel(), weighted.ravel(), 6 * count).reshape(count, 6)
+
+
+def _seen_by_any(seen_by: Mask, number: Ints, count: int) -> Mask:
+    """Return the mask (count, A) of agents that saw a row of each number, of rows (N, A) by number (N,)."""
+    rows, agents = np.nonzero(seen_by & (number >= 0)[:, None])
+    seen = np.zeros((count, seen_by.shape[1]), dtype=np.bool_)
+    seen[number[rows], agents] = True
+    return seen

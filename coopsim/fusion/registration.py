@@ -13,12 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from coopsim.geometry.assignment import cheapest_assignment
-from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import overlaps
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import Ints, Mask
 from coopsim.support.kernels import njit
-from coopsim.types import Detections
 
 _ROUNDS, _GATE = 2, -0.2
 """Number of rounds, each matching the boxes under the registration of the round before; smallest BEV GIoU of a pair."""
@@ -53,28 +51,16 @@ class Registration(NamedTuple):
     rise: Floats
     common: int = 0
 
-    def place(self, boxes: Boxes3D) -> Boxes3D:
-        """Return the boxes moved onto the own ones."""
-        return Boxes3D.from_array(_place(self, boxes.array))
-
-
-def register(own: Detections, other: Detections) -> Registration:
-    """Return the most likely registration of another agent's boxes with the own ones, in one frame.
-
-    Pairs of a class are matched (Hungarian on the BEV GIoU), and shift and rise follow by least squares with Gaussian
-    priors, each reweighted by how well pairs agree (Cauchy's weights). A turn is taken as small. Without common objects
-    the registration moves nothing.
-    """
-    found = register_rows(own.boxes.array, own.score, own.label, other.boxes.array, other.score, other.label)
-    registration: Registration = found[0]
-    return registration
-
 
 @njit(cache=True, nogil=True)
 def register_rows(
     own: Floats, own_score: Floats, own_label: Ints, other: Floats, other_score: Floats, other_label: Ints
 ) -> tuple[Registration, Floats, Ints, Floats]:
-    """Register boxes (M, 7) with own boxes (N, 7), as `register` says.
+    """Register another agent's boxes (M, 7) with the own ones (N, 7) by the most likely transform, in one frame.
+
+    Pairs of a class are matched (Hungarian on the BEV GIoU), and shift and rise follow by least squares with Gaussian
+    priors, each reweighted by how well pairs agree (Cauchy's weights). A turn is taken as small. Without common objects
+    the registration moves nothing.
 
     Returns:
         The registration; the other boxes (M, 7) under it; and the pairs under it, as from `match_rows`.
@@ -83,7 +69,7 @@ def register_rows(
     found = Registration(_middle(other, near), np.zeros(3), np.zeros(3), 0)
     fitted = np.full(len(other), -1)
     for number in range(_ROUNDS + 1):
-        placed = _place(found, other)
+        placed = place(found, other)
         own_row, giou = match_rows(own, own_label, placed, other_label)
         if number == _ROUNDS:
             break
@@ -127,7 +113,7 @@ def match_rows(own: Floats, own_label: Ints, other: Floats, other_label: Ints) -
 
 
 @njit(cache=True, nogil=True)
-def _place(registration: Registration, boxes: Floats) -> Floats:
+def place(registration: Registration, boxes: Floats) -> Floats:
     """Return boxes (N, 7) moved onto the own ones."""
     middle, shift, rise, _ = registration
     cos, sin = np.cos(shift[2]), np.sin(shift[2])

@@ -46,13 +46,8 @@ def request_map(confidence: Float32s, grid: BevGrid, factor: int = 8) -> tuple[F
     A block is asked for unless something is known in it. The mean over a block, which is mostly empty, would be nearly
     1 everywhere.
 
-    Args:
-        confidence: (H, W) in [0, 1], the receiver's own.
-        grid: cells of the confidence.
-        factor: edge of a block in cells, by which H and W divide.
-
-    Returns:
-        The requests (H / factor, W / factor), and their grid.
+    The confidence (H, W) is in [0, 1], of the receiver's own cells; `factor` is the edge of a block in cells. Return
+    the requests (H / factor, W / factor), and their grid.
 
     Raises:
         InvalidValueError: `factor` does not divide H and W, or the shape is not the grid's.
@@ -69,12 +64,8 @@ def request_map(confidence: Float32s, grid: BevGrid, factor: int = 8) -> tuple[F
 def selection_weight(confidence: Float32s, grid: BevGrid, requests: Sequence[Request]) -> Float32s:
     """Return a weight (H, W) in [0, 1] for the choice of cells: confidence times the largest request for its place.
 
-    A receiver asks for all that lies beyond its requests' grid. Without any request all places count alike.
-
-    Args:
-        confidence: (H, W) in [0, 1], the sender's.
-        grid: cells of the confidence, in the sender's frame.
-        requests: requests of all receivers.
+    A receiver asks for all that lies beyond its requests' grid. Without any request all places count alike. The
+    confidence (H, W) in [0, 1] is of the sender's own cells.
 
     Raises:
         InvalidValueError: the shape is not the grid's.

@@ -26,13 +26,8 @@ def fuse_tracks(own: TrackEstimates, other: TrackEstimates, gate: float) -> tupl
     Positions are not compared by their covariance: the velocity of a track that has just begun is unknown, so as soon
     as it is predicted it would match everything around it.
 
-    Args:
-        own: N tracks; they keep their ids and their order.
-        other: M tracks of another agent, in the same frame at the same time.
-        gate: smallest BEV GIoU of two tracks of one object, in [-1, 1].
-
-    Returns:
-        The fused tracks (N + new,) and the row (M,) of each of the other agent's tracks among them.
+    The N own tracks keep their ids and their order; the M others are in the same frame at the same time. Return the
+    fused tracks (N + new,) and the row (M,) of each of the others among them.
     """
     a, b = own.tracks, other.tracks
     affinity = np.where(a.label[:, None] == b.label, giou_bev(a.boxes.array, b.boxes.array), -np.inf)
@@ -83,16 +78,8 @@ def covariance_intersection(
     """Fuse by P^-1 = w A^-1 + (1 - w) B^-1 and P^-1 c = w A^-1 a + (1 - w) B^-1 b (Julier and Uhlmann, ACC 1997).
 
     P is at least the covariance of c, for every correlation of a and b, if A and B are at least theirs. The weight
-    minimises det P, which, unlike the trace, does not depend on the units of metres and metres per second.
-
-    Args:
-        first: a, (N, n).
-        first_covariance: A, (N, n, n).
-        second: b, (N, n).
-        second_covariance: B, (N, n, n).
-
-    Returns:
-        c (N, n), P (N, n, n), and w (N,), the weight of the first, in [0, 1].
+    minimises det P, which, unlike the trace, does not depend on the units of metres and metres per second. Means are
+    (N, n) and covariances (N, n, n); the result is c, P, and w (N,), the weight of the first, in [0, 1].
 
     Raises:
         InvalidValueError: the shapes differ, or a covariance is not finite and positive definite.

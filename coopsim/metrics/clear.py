@@ -96,11 +96,9 @@ def count_clear(
 ) -> tuple[Clear, Floats]:
     """Count over sequences. Return the counts, and the mean track score of every match (TP,).
 
-    Args:
-        sequences: pooled.
-        threshold: leave out tracks with a smaller mean score.
-        adjacent_switches: count a switch only between two successive frames of an object, as KITTI's development
-            kit and AB3DMOT do; else also after a gap, as CLEAR and TrackEval do.
+    Tracks with a mean score below the threshold are left out. `adjacent_switches` counts a switch only between two
+    successive frames of an object, as KITTI's development kit and AB3DMOT do; else also after a gap, as CLEAR and
+    TrackEval do.
     """
     total = Clear()
     scores = [np.zeros(0)]

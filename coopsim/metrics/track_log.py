@@ -56,14 +56,10 @@ class TrackLog:
         return self._frames
 
     def append(self, truth: GroundTruth, true: Mask, tracks: Tracks, reported: Mask, pairs: CandidatePairs) -> None:
-        """Add a frame. The arrays must not change afterwards.
+        """Add a frame, whose arrays must not change afterwards.
 
-        Args:
-            truth: the objects.
-            true: (N,) those of them that count.
-            tracks: the tracks.
-            reported: (M,) those of them that count.
-            pairs: candidate pairs of one superclass among these.
+        `true` (N,) and `reported` (M,) mask the objects and tracks that count, `pairs` are those of one superclass
+        among them.
         """
         seen_by = np.full(len(truth), -1) if truth.visible_to is None else truth.visible_to
         objects = [column[true] for column in (truth.id, truth.label, _range_m(truth.boxes), seen_by)]

@@ -81,15 +81,8 @@ class Appearance:
         The younger track must have begun after the older one was last seen, and must not have been reported, so that no
         report takes an id back.
 
-        Args:
-            tracks: N tracks.
-            detections: M detections.
-            rows: (K,) matched tracks.
-            columns: (K,) their detections.
-            reported: (N,) tracks that have been reported.
-
-        Returns:
-            (K,) for each pair the row of the lost track that its detection belongs to, or of its own.
+        Tracks at `rows` (K,) were matched to the detections at `columns` (K,); `reported` (N,) masks the tracks that
+        have been reported. Return for each pair the row (K,) of the track that its detection belongs to.
         """
         lost = np.setdiff1d(np.flatnonzero(tracks.appearance.known), rows)
         young = np.flatnonzero(~reported[rows])
@@ -111,13 +104,9 @@ class Appearance:
         supersedes) and begins none. Among unmatched detections the best-scored one stands for the others. No agent
         sees an object twice, so two detections of one agent are never taken for one.
 
-        Args:
-            found: N detections with `seen_by`; without it, none is repeated.
-            matched: (K,) rows that a track was matched to; they repeat none.
-            memory: memory of those K tracks, in that order; None: detections are only compared with each other.
-
-        Returns:
-            (N,) for each detection the row of the detection that it repeats, or its own row.
+        Without `seen_by` none is repeated. Rows `matched` (K,) have a track and repeat none; `memory` is that of those
+        K tracks, None to compare detections with each other alone. Return for each detection the row (N,) of the one
+        that it repeats, or its own.
         """
         shown = np.arange(len(found))
         if found.embedding is None or found.seen_by is None or len(matched) == len(found):

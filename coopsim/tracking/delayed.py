@@ -154,7 +154,7 @@ _EXPIRY_NS = 5 * NS_PER_S
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Moving:
-    """What a sender measured at one moment.
+    """A sender's measurement with the velocities of its objects.
 
     Attributes:
         captured_ns: capture time.
@@ -176,7 +176,7 @@ class _Moving:
 
 
 class _Senders:
-    """What senders measured, and the velocities of their objects.
+    """Memory of senders' measurements and of the velocities of their objects.
 
     Boxes that were sent with velocities have these. For all others every sender has a tracker of its own, in its own
     time. Velocities of the receiver's tracks would not do: a measurement that was moved with a velocity confirms it,
@@ -268,8 +268,8 @@ class _Moment:
 
     Attributes:
         time_ns: its time.
-        groups: by source, the detections: a group, by its number, among those that came with it.
-        moved: by source that has measured nothing at this moment, as far as is known, the last that it measured before.
+        groups: detections by source: a group, by its number, among those that came with it.
+        moved: last earlier measurement, by source without a known one of this moment.
         joined: the measured and moved groups in order; None: not joined yet, or not since they changed.
         before: the tracker's state before the step.
         shown: the tracks after it.

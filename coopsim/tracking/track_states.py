@@ -101,36 +101,15 @@ class EmbeddingMemory:
     time_ns: NDArray[np.int64]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "vectors", frozen(self.vectors, (None, None, None), np.float32, "vectors"))
-        shape = self.vectors.shape[:2]
-        object.__setattr__(self, "valid", frozen(self.valid, shape, np.bool_, "valid"))
-        object.__setattr__(self, "time_ns", frozen(self.time_ns, shape, np.int64, "time_ns"))
-        require_count(1, window=self.window)
+        for each in (self.vectors, self.valid, self.time_ns):
+            sealed(each)
 
     @classmethod
     def blank(cls, count: int, dim: int, window: int) -> EmbeddingMemory:
-        """Return the memory of tracks without embeddings.
-
-        Args:
-            count: N, number of tracks.
-            dim: D, length of an embedding.
-            window: W, largest number of embeddings kept of a track.
-        """
-        require_count(0, count=count, dim=dim)
+        """Return the memory of N tracks without embeddings, of length D and at most W of a track."""
         require_count(1, window=window)
         none = np.zeros((count, window), dtype=np.bool_)
         return cls(np.zeros((count, window, dim), dtype=np.float32), none, np.full((count, window), _NEVER_NS))
-
-    @classmethod
-    def trusted(
-        cls, vectors: NDArray[np.float32], valid: NDArray[np.bool_], time_ns: NDArray[np.int64]
-    ) -> EmbeddingMemory:
-        """Return a memory of arrays that are known to be right and that nobody else writes to."""
-        self = object.__new__(cls)
-        object.__setattr__(self, "vectors", sealed(vectors))
-        object.__setattr__(self, "valid", sealed(valid))
-        object.__setattr__(self, "time_ns", sealed(time_ns))
-        return self
 
     @property
     def window(self) -> int:
@@ -160,7 +139,7 @@ class EmbeddingMemory:
     def since(self, oldest_ns: int) -> EmbeddingMemory:
         """Return the memory without the embeddings that were seen before a time."""
         valid = self.valid & (self.time_ns >= oldest_ns)
-        return self if (valid == self.valid).all() else EmbeddingMemory.trusted(self.vectors, valid, self.time_ns)
+        return self if (valid == self.valid).all() else EmbeddingMemory(self.vectors, valid, self.time_ns)
 
     def ready_for(self, found: Detections) -> EmbeddingMemory:
         """Return a blank memory of the width of these detections' embeddings or, once an embedding is stored, this one.
@@ -184,13 +163,7 @@ class EmbeddingMemory:
         return fresh.update(np.arange(len(given)), given, time_ns)
 
     def update(self, rows: Index, embeddings: ArrayLike, time_ns: int) -> EmbeddingMemory:
-        """Return the memory with one more embedding for some tracks; a full one loses its oldest.
-
-        Args:
-            rows: M different tracks: indices, or a mask (N,).
-            embeddings: (M, D).
-            time_ns: when they were seen.
-        """
+        """Return the memory with one more embedding (M, D) for M different tracks; a full one loses its oldest."""
         if not self.dim:
             return self
         at = np.arange(len(self))[rows]
@@ -203,16 +176,16 @@ class EmbeddingMemory:
             before[at, 1:] for before in (self.vectors, self.valid, self.time_ns)
         )
         vectors[at, -1], valid[at, -1], times_ns[at, -1] = unit, True, time_ns
-        return EmbeddingMemory.trusted(vectors, valid, times_ns)
+        return EmbeddingMemory(vectors, valid, times_ns)
 
     def take(self, index: Index) -> EmbeddingMemory:
         """Return the memory of some tracks, given by a mask (N,) or indices."""
-        return EmbeddingMemory.trusted(self.vectors[index], self.valid[index], self.time_ns[index])
+        return EmbeddingMemory(self.vectors[index], self.valid[index], self.time_ns[index])
 
     def join(self, other: EmbeddingMemory) -> EmbeddingMemory:
         """Return the memory of these tracks, then the other's; windows and lengths of embeddings must agree."""
         added = frozen(other.vectors, (None, self.window, self.dim), np.float32, "vectors of the other memory")
-        return EmbeddingMemory.trusted(
+        return EmbeddingMemory(
             np.concatenate([self.vectors, added]),
             np.concatenate([self.valid, other.valid]),
             np.concatenate([self.time_ns, other.time_ns]),
@@ -223,9 +196,6 @@ class EmbeddingMemory:
 
         It is the largest over a track's embeddings, as in the paper any one vector may trigger the match, and -inf
         where the track or the detection has no embedding, so that no threshold lets the pair pass.
-
-        Args:
-            embeddings: (M, D).
         """
         unit, present = normalize_embeddings(embeddings, (None, self.dim))
         each = np.clip(self.vectors @ unit.T, -1.0, 1.0)  # (N, W, M)

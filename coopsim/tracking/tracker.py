@@ -123,10 +123,6 @@ class Tracker:
         Each group is matched to the tracks as the groups before left them, new tracks included. A frame counts as one
         hit or one miss, however many groups there are.
 
-        Args:
-            groups: detections in the tracker's frame.
-            time_ns: time of the frame; must not go back.
-
         Raises:
             InvalidValueError: time went back.
         """

@@ -22,7 +22,7 @@ PARTS: Mapping[str, tuple[str, ...]] = {
     "detection": ("detection",),
     "messages (uplink, codec, channel, packing)": ("comms", "wire", "envs", "agents/policy"),
     "scoring": ("metrics",),
-    "policies' own (placing received boxes)": ("agents", "tracking/delayed", "localization/odometry_frame"),
+    "policies' own (placing received boxes)": ("agents", "tracking/delayed", "localization/odometry"),
     "fusion": ("fusion",),
     "tracking": ("tracking",),
 }

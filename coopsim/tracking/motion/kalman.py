@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 
-_BAD, _GOOD, _DOUBTFUL = 0, 1, 2
-
 
 def predict(mean: Floats, covariance: Floats, transition: Floats, process: Floats) -> tuple[Floats, Floats]:
     """Predict: x' = F x, P' = F P F^T + Q (Kalman 1960), of x (N, n) and P (N, n, n) by F and Q (n, n)."""
@@ -51,13 +49,24 @@ def usable_noise(stated: Floats, own: Floats) -> Floats:
 
 
 def _are_covariances(matrices: Floats) -> NDArray[np.bool_]:
-    """Return which matrices (N,) are finite, symmetric up to rounding, and positive definite."""
-    verdict = _judge(np.ascontiguousarray(matrices))
-    doubtful = np.flatnonzero(verdict == _DOUBTFUL)
-    if len(doubtful):  # the eigenvalues of a nearly singular matrix tell better
-        verdict[doubtful] = np.linalg.eigvalsh(matrices[doubtful])[:, 0] > 0
-    good: NDArray[np.bool_] = verdict == _GOOD
-    return good
+    """Return the mask (N,) of matrices that are finite, symmetric up to rounding, and positive definite.
+
+    Rounding in single precision, on the way through a message, may spoil symmetry by 1e-6 of the largest element.
+    """
+    good: NDArray[np.bool_] = np.isfinite(matrices).all(axis=(1, 2))
+    finite = np.where(good[:, None, None], matrices, np.eye(matrices.shape[1]))
+    skew = np.abs(finite - finite.transpose(0, 2, 1)).max(axis=(1, 2), initial=0.0)
+    good &= skew <= 1e-6 * np.abs(finite).max(axis=(1, 2), initial=0.0)
+    return good if _have_factors(finite) else good & [_have_factors(each) for each in finite]
+
+
+def _have_factors(matrices: Floats) -> bool:
+    """Return whether all matrices (..., m, m) have a Cholesky factor."""
+    try:
+        np.linalg.cholesky(matrices)
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def stack(matrices: Floats) -> Floats:
@@ -171,46 +180,3 @@ def _solve(system: Floats, right: Floats) -> None:
             factor = system[j, i]
             for k in range(width):
                 right[i, k] -= factor * right[j, k]
-
-
-@njit(cache=True, nogil=True)
-def _judge(matrices: Floats) -> NDArray[np.int64]:
-    """Return for each matrix (N,) whether it is bad, good or doubtful: without a Cholesky factor."""
-    verdict = np.full(len(matrices), _BAD)
-    for k in range(len(matrices)):
-        if _is_symmetric(matrices[k]):
-            verdict[k] = _GOOD if _has_cholesky(matrices[k]) else _DOUBTFUL
-    return verdict
-
-
-@njit(cache=True, nogil=True)
-def _is_symmetric(matrix: Floats) -> bool:
-    """Return whether a matrix is finite and symmetric.
-
-    Rounding in single precision, on the way through a message, may spoil symmetry by 1e-6 of the largest element.
-    """
-    largest, skew = 0.0, 0.0
-    for i in range(len(matrix)):
-        for j in range(len(matrix)):
-            if not np.isfinite(matrix[i, j]):
-                return False
-            largest, skew = max(largest, abs(matrix[i, j])), max(skew, abs(matrix[i, j] - matrix[j, i]))
-    return skew <= 1e-6 * largest
-
-
-@njit(cache=True, nogil=True)
-def _has_cholesky(matrix: Floats) -> bool:
-    size = len(matrix)
-    factor = np.empty((size, size))
-    for i in range(size):
-        for j in range(i + 1):
-            rest = matrix[i, j]
-            for k in range(j):
-                rest -= factor[i, k] * factor[j, k]
-            if i > j:
-                factor[i, j] = rest / factor[j, j]
-            elif rest > 0:
-                factor[i, i] = np.sqrt(rest)
-            else:
-                return False
-    return True

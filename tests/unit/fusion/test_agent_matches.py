@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from coopsim.fusion.agent_matches import match_agents
+from coopsim.fusion.pooling import match_agents
 from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.iou import iou_3d
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from coopsim.errors import InvalidValueError
 from coopsim.fusion.box_fusion import trust_likelier
-from coopsim.fusion.fused_boxes import FusedBoxes, SourceOdds, pair_features
+from coopsim.fusion.fused_boxes import FusedBoxes, SourceOdds, pair_features, probability_other
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d
 from coopsim.geometry.se3 import Floats
@@ -163,9 +163,9 @@ def test_every_weight_is_of_its_own_feature() -> None:
     features = pair_features(*values)
     assert features.tolist() == [[2, 3, 5, 7, 11, 55]]
     log_odds = 0.1 + 2 * 0.01 - 3 * 0.02 + 5 * 0.03 - 7 * 0.04 + 11 * 0.05 - 55 * 0.001
-    assert SourceOdds(0.1, 0.01, -0.02, 0.03, -0.04, 0.05, -0.001).probability_other(features)[0] == pytest.approx(
-        1 / (1 + np.exp(-log_odds))
-    )
+    assert probability_other(SourceOdds(0.1, 0.01, -0.02, 0.03, -0.04, 0.05, -0.001).weights, features)[
+        0
+    ] == pytest.approx(1 / (1 + np.exp(-log_odds)))
 
 
 def test_what_only_one_sees_is_kept() -> None:
