@@ -167,7 +167,8 @@ def _weighted_means(boxes: Floats, weight: Floats, order: Ints, number: Ints, co
     of, columns = number[order], np.arange(6)
     share = weight[order] / np.bincount(of, weight[order], count)[of]
     weighted = share[:, None] * boxes[order, :6]
-    return np.bincount((6 * of[:, None] + columns).ravel(), weighted.ravel(), 6 * count).reshape(count, 6)
+    summed = np.bincount((6 * of[:, None] + columns).ravel(), weighted.ravel(), 6 * count)
+    return np.asarray(summed, dtype=np.float64).reshape(count, 6)
 
 
 def _seen_by_any(seen_by: Mask, number: Ints, count: int) -> Mask:

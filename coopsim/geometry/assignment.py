@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
 from coopsim.geometry.se3 import Floats
-from coopsim.support.arrays import Ints
+from coopsim.support.arrays import Ints, Mask
 from coopsim.support.kernels import njit
 
 Pairs = tuple[Ints, Ints]
@@ -57,14 +57,11 @@ def greedy(affinity: Floats, gate: float) -> Pairs:
         affinity: (N, M), larger is better; infinite ones and NaN are never matched.
         gate: smallest affinity of a pair.
     """
-    allowed = np.where(np.isfinite(affinity) & (affinity >= gate), affinity, -np.inf)
-    # The best rows propose first: in any order the outcome is the same, but then few proposals are displaced.
-    order = np.argsort(-allowed.max(axis=1, initial=-np.inf), kind="stable")
-    row_of = _propose(np.ascontiguousarray(allowed), order)
-    columns = np.flatnonzero(row_of >= 0)
-    rows = row_of[columns]
-    order = np.lexsort((rows, -affinity[rows, columns]))
-    return rows[order], columns[order]
+    rows, columns = np.nonzero(np.isfinite(affinity) & (affinity >= gate))
+    order = np.lexsort((columns, rows, -affinity[rows, columns]))
+    rows, columns = rows[order], columns[order]
+    kept = _first_come(rows, columns, *affinity.shape)
+    return rows[kept], columns[kept]
 
 
 def _best_of_all(affinity: Floats, possible: NDArray[np.bool_]) -> Pairs:
@@ -92,28 +89,13 @@ def _best_of_few(affinity: Floats, possible: NDArray[np.bool_]) -> Pairs:
 
 
 @njit(cache=True, nogil=True)
-def _propose(affinity: Floats, order: Ints) -> Ints:
-    """Return the row that each column is greedily matched to, or -1; (M,).
-
-    Rows propose to their best column, columns keep the best proposal (Gale and Shapley 1962). Where both rank pairs by
-    one and the same number, only one matching is stable, and it is the greedy one: no need to sort all pairs
-    (Manne and Halappanavar, "New effective multithreaded matching algorithms", 2014).
-    """
-    columns = affinity.shape[1]
-    row_of, held = np.full(columns, -1), np.full(columns, -np.inf)
-    for newcomer in order:
-        row = newcomer
-        while row >= 0:
-            best, at = -np.inf, -1
-            for column in range(columns):
-                value = affinity[row, column]
-                if value > best and (value > held[column] or (value == held[column] and row < row_of[column])):
-                    best, at = value, column
-            if at < 0:
-                break
-            row_of[at], row = row, row_of[at]  # the displaced row proposes again
-            held[at] = best
-    return row_of
+def _first_come(rows: Ints, columns: Ints, count: int, width: int) -> Mask:
+    """Return the mask (K,) of pairs whose row and column no pair before them has."""
+    kept, free, free_column = np.zeros(len(rows), np.bool_), np.ones(count, np.bool_), np.ones(width, np.bool_)
+    for k in range(len(rows)):
+        if free[rows[k]] and free_column[columns[k]]:
+            kept[k], free[rows[k]], free_column[columns[k]] = True, False, False
+    return kept
 
 
 @njit(cache=True, nogil=True)

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from operator import attrgetter
 
 import numpy as np
 
@@ -39,7 +40,7 @@ class _SweepMetric(SweepMetric):
     meaning: str
 
     def of_sweep(self, sweep: RecallSweep) -> float:
-        return _if_any(sweep.all_tracks.gt, 100 * self.of(sweep))
+        return self.of(sweep)
 
 
 @dataclass(frozen=True)
@@ -60,73 +61,77 @@ def _if_any(objects: int, value: float) -> float:
     return value if objects else math.nan
 
 
-def _ratio(of: Callable[[Clear], float], meaning: str, less: bool = False) -> _ClearMetric:
-    return _ClearMetric(lambda clear: _if_any(clear.gt, 100 * of(clear)), meaning, "%", less)
+def _average(name: str, meaning: str) -> _SweepMetric:
+    return _SweepMetric(lambda sweep: _if_any(sweep.all_tracks.gt, 100 * getattr(sweep, name)), meaning)
 
 
-def _share(of: Callable[[Clear], int], meaning: str, less: bool = False) -> _ClearMetric:
-    return _ratio(lambda clear: of(clear) / max(clear.objects, 1), meaning, less)
+def _ratio(name: str, meaning: str) -> _ClearMetric:
+    return _ClearMetric(lambda clear: _if_any(clear.gt, 100 * getattr(clear, name)), meaning)
 
 
-def _count(of: Callable[[Clear], int], meaning: str, less: bool = False) -> _ClearMetric:
-    return _ClearMetric(of, meaning, "", less)
+def _share(name: str, meaning: str, less: bool = False) -> _ClearMetric:
+    def share(clear: Clear) -> float:
+        return _if_any(clear.gt, 100 * (getattr(clear, name) / max(clear.objects, 1)))
+
+    return _ClearMetric(share, meaning, less_is_better=less)
 
 
-def _whole(of: Callable[[LogPool], float], meaning: str) -> _PoolMetric:
+def _count(name: str, meaning: str, less: bool = False) -> _ClearMetric:
+    return _ClearMetric(attrgetter(name), meaning, "", less)
+
+
+def _whole(name: str, meaning: str) -> _PoolMetric:
+    of = attrgetter(name)
     return _PoolMetric(lambda pool: _if_any(pool.objects, 100 * of(pool)), meaning)
 
 
 _RECALL_AVERAGES = {
-    "sAMOTA": _SweepMetric(
-        lambda sweep: sweep.samota,
+    "sAMOTA": _average(
+        "samota",
         "MOTA scaled by what is possible at each of 40 levels of recall, averaged (Weng 2020)",
     ),
-    "AMOTA": _SweepMetric(lambda sweep: sweep.amota, "MOTA averaged over 40 levels of recall (Weng 2020)"),
-    "AMOTP": _SweepMetric(lambda sweep: sweep.amotp, "mean 3D IoU of matches, averaged over 40 levels of recall"),
+    "AMOTA": _average("amota", "MOTA averaged over 40 levels of recall (Weng 2020)"),
+    "AMOTP": _average("amotp", "mean 3D IoU of matches, averaged over 40 levels of recall"),
 }
 
 _CLEAR = {
     "MOTA": _ratio(
-        lambda clear: clear.mota,
+        "mota",
         "1 - (false positives + misses + identity switches) / ground truth, at the best level of recall",
     ),
-    "MOTP": _ratio(lambda clear: clear.motp, "mean 3D IoU of matches, at the same level"),
-    "sMOTA": _ratio(lambda clear: clear.smota, "MOTA in which a match counts its 3D IoU"),
-    "MODA": _ratio(lambda clear: clear.moda, "MOTA without identity switches"),
-    "recall": _ratio(lambda clear: clear.recall, "share of objects' boxes with a track, at the best level of recall"),
-    "precision": _ratio(lambda clear: clear.precision, "share of reported boxes with an object, at the same level"),
-    "MT": _share(lambda clear: clear.mostly_tracked, "objects tracked in > 80 % of their frames"),
-    "PT": _share(lambda clear: clear.partly_tracked, "objects tracked in 20-80 % of their frames"),
-    "ML": _share(lambda clear: clear.mostly_lost, "objects tracked in < 20 % of their frames", less=True),
-    "IDS": _count(lambda clear: clear.ids, "identity switches, at the same level", less=True),
-    "FRAG": _count(lambda clear: clear.frag, "interruptions of an object's track, at the same level", less=True),
-    "TP": _count(lambda clear: clear.tp, "matched boxes, at the same level"),
-    "FP": _count(lambda clear: clear.fp, "false positives, at the same level", less=True),
-    "FN": _count(lambda clear: clear.fn, "misses, at the same level", less=True),
-    "GT": _count(lambda clear: clear.gt, "objects' boxes"),
-    "objects": _count(lambda clear: clear.objects, "objects"),
+    "MOTP": _ratio("motp", "mean 3D IoU of matches, at the same level"),
+    "sMOTA": _ratio("smota", "MOTA in which a match counts its 3D IoU"),
+    "MODA": _ratio("moda", "MOTA without identity switches"),
+    "recall": _ratio("recall", "share of objects' boxes with a track, at the best level of recall"),
+    "precision": _ratio("precision", "share of reported boxes with an object, at the same level"),
+    "MT": _share("mostly_tracked", "objects tracked in > 80 % of their frames"),
+    "PT": _share("partly_tracked", "objects tracked in 20-80 % of their frames"),
+    "ML": _share("mostly_lost", "objects tracked in < 20 % of their frames", less=True),
+    "IDS": _count("ids", "identity switches, at the same level", less=True),
+    "FRAG": _count("frag", "interruptions of an object's track, at the same level", less=True),
+    "TP": _count("tp", "matched boxes, at the same level"),
+    "FP": _count("fp", "false positives, at the same level", less=True),
+    "FN": _count("fn", "misses, at the same level", less=True),
+    "GT": _count("gt", "objects' boxes"),
+    "objects": _count("objects", "objects"),
 }
 
 _OVERLAP = {
-    "HOTA": _whole(
-        lambda pool: pool.hota.hota, "root of detection times association accuracy, over 19 thresholds of IoU"
-    ),
-    "DetA": _whole(lambda pool: pool.hota.det_a, "share of boxes that are matched"),
-    "AssA": _whole(
-        lambda pool: pool.hota.ass_a, "share of their lives that matched tracks have in common with their objects"
-    ),
-    "LocA": _whole(lambda pool: pool.hota.loc_a, "mean 3D IoU of matches, over 19 thresholds of IoU"),
-    "IDF1": _whole(lambda pool: pool.identity.f1, "F1 of boxes when each object has one right track"),
-    "IDP": _whole(lambda pool: pool.identity.precision, "precision of boxes when each object has one right track"),
-    "IDR": _whole(lambda pool: pool.identity.recall, "recall of boxes when each object has one right track"),
+    "HOTA": _whole("hota.hota", "root of detection times association accuracy, over 19 thresholds of IoU"),
+    "DetA": _whole("hota.det_a", "share of boxes that are matched"),
+    "AssA": _whole("hota.ass_a", "share of their lives that matched tracks have in common with their objects"),
+    "LocA": _whole("hota.loc_a", "mean 3D IoU of matches, over 19 thresholds of IoU"),
+    "IDF1": _whole("identity.f1", "F1 of boxes when each object has one right track"),
+    "IDP": _whole("identity.precision", "precision of boxes when each object has one right track"),
+    "IDR": _whole("identity.recall", "recall of boxes when each object has one right track"),
 }
 
 _NEAR = {
-    "HOTA": _whole(lambda pool: pool.hota_near.hota, "HOTA with matches by distance on the ground"),
-    "DetA": _whole(lambda pool: pool.hota_near.det_a, "DetA with matches by distance on the ground"),
-    "AssA": _whole(lambda pool: pool.hota_near.ass_a, "AssA with matches by distance on the ground"),
-    "LocA": _whole(lambda pool: pool.hota_near.loc_a, "LocA with matches by distance on the ground"),
-    "AMOTA": _whole(lambda pool: pool.near_sweep.amota, "nuScenes' AMOTA: matches are centres less than 2 m apart"),
+    "HOTA": _whole("hota_near.hota", "HOTA with matches by distance on the ground"),
+    "DetA": _whole("hota_near.det_a", "DetA with matches by distance on the ground"),
+    "AssA": _whole("hota_near.ass_a", "AssA with matches by distance on the ground"),
+    "LocA": _whole("hota_near.loc_a", "LocA with matches by distance on the ground"),
+    "AMOTA": _whole("near_sweep.amota", "nuScenes' AMOTA: matches are centres less than 2 m apart"),
     "AMOTP": _PoolMetric(
         lambda pool: _if_any(pool.objects, pool.near_sweep.amotp),
         "nuScenes' AMOTP: mean distance of matches",
@@ -176,7 +181,7 @@ BUILT_IN: Mapping[str, Metric] = {
     **{f"{name}@{NEAR_M:g}m": metric for name, metric in _NEAR.items()},
     **_precisions(),
     BYTES: _PoolMetric(
-        lambda pool: pool.bytes_per_s,
+        attrgetter("bytes_per_s"),
         "what an agent broadcasts, envelope included",
         "bytes/s",
         ".0f",

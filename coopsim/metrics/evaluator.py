@@ -80,7 +80,7 @@ class Evaluator:
             truth.validate()  # which say what is wrong
             tracks.validate()
         self._memory = memory
-        self.log.append(truth, objects[-1], tracks, counts, CandidatePairs(*pairs))
+        self.log.append(truth, objects[-1], tracks, counts, pairs)
         count, made = int(np.count_nonzero(objects[-1])), int(np.count_nonzero(counts))
         return FrameCounts(matches, made - matches, count - matches, switches, count)
 
@@ -102,14 +102,11 @@ Objects = tuple[Floats, Ints, Ints, Mask]
 """Objects or tracks of a frame, as contiguous arrays: boxes (N, 7), and read-only ids, classes and whether each counts
 (N,). A plain tuple, because numba takes several microseconds to take in or hand out one with names."""
 
-Pairs = tuple[Ints, Ints, Floats, Floats, Floats]
-"""`CandidatePairs` as a plain tuple."""
-
 
 @njit(cache=True, nogil=True)
 def match_next_frame(
     memory: Ints, frame: int, truth: Objects, tracks: Objects, least: float
-) -> tuple[bool, Mask, Pairs, int, int, Ints]:
+) -> tuple[bool, Mask, CandidatePairs, int, int, Ints]:
     """Match the tracks of a frame, and compare the matches with those of the frames before.
 
     A track counts if the region holds it, unless it is on an object that does not count rather than on one that does.
@@ -131,15 +128,14 @@ def match_next_frame(
     sound = are_sound(boxes, true_id, true_label, _CLASSES) and are_sound(track_boxes, all_id, all_label, _CLASSES)
     if not sound or len(all_id) == 0:
         none, nothing = np.zeros(0, np.int64), np.zeros(0)
-        return sound, inside.copy(), (none, none, nothing, nothing, nothing), 0, 0, memory
+        return sound, inside.copy(), CandidatePairs(none, none, nothing, nothing, nothing), 0, 0, memory
     pairs = find_candidate_pairs(boxes, _SUPERCLASS[true_label], track_boxes, _SUPERCLASS[all_label])
     counts = inside & _not_on_ignored(pairs, true, true_label, all_label, least)
     pairs = _among(pairs, true, counts)
-    flat = (pairs.truth, pairs.track, pairs.iou_3d, pairs.iou_bev, pairs.distance_m)
     truth_id, truth_label = true_id[true], true_label[true]
     track_id, track_label = all_id[counts], all_label[counts]
     if len(track_id) == 0:
-        return True, counts, flat, 0, 0, memory
+        return True, counts, pairs, 0, 0, memory
     memory = _with_new_objects(memory, truth_id)
     place = np.searchsorted(memory[:, 3], truth_id)
     alike = (truth_label[pairs.truth] == track_label[pairs.track]) & (pairs.iou_3d >= least)
@@ -148,7 +144,7 @@ def match_next_frame(
         ends[0], place, ends[1], track_id, ends[2], pairs.truth[alike], pairs.track[alike], pairs.iou_3d[alike]
     )
     found = match_sequence(data, np.ones(len(track_id), np.bool_), memory, frame)
-    return True, counts, flat, found.matched.sum(), np.count_nonzero(found.switched), memory
+    return True, counts, pairs, found.matched.sum(), np.count_nonzero(found.switched), memory
 
 
 @njit(cache=True, nogil=True)

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from operator import lt
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 
@@ -55,11 +55,11 @@ class Measurement:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measurements(Sequence[Measurement]):
+class Measurements:
     """Measurements with their detections joined, so that those of one moment stay joined up to the fusion.
 
     Attributes:
-        sources: name of each sender, as in `Measurement`.
+        sources: name of each sender, see `Measurement`.
         captured_ns: the capture times.
         groups: the detections.
     """
@@ -69,8 +69,8 @@ class Measurements(Sequence[Measurement]):
     groups: DetectionGroups
 
     @classmethod
-    def of(cls, measurements: Sequence[Measurement]) -> Measurements:
-        """Join measurements; what is joined already is returned as it is."""
+    def of(cls, measurements: Measurements | Sequence[Measurement]) -> Measurements:
+        """Join measurements; joined ones are returned unchanged."""
         if isinstance(measurements, Measurements):
             return measurements
         sources, captured_ns = [each.source for each in measurements], [each.captured_ns for each in measurements]
@@ -78,17 +78,6 @@ class Measurements(Sequence[Measurement]):
 
     def __len__(self) -> int:
         return len(self.sources)
-
-    @overload
-    def __getitem__(self, index: int) -> Measurement: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[Measurement]: ...
-
-    def __getitem__(self, index: int | slice) -> Measurement | Sequence[Measurement]:
-        if isinstance(index, slice):
-            return [self[number] for number in range(len(self))[index]]
-        return Measurement(self.sources[index], self.captured_ns[index], self.groups[index])
 
 
 class DelayedMeasurements(ABC):
@@ -103,7 +92,7 @@ class DelayedMeasurements(ABC):
     def __init__(self, make_tracker: MakeTracker, fusion: Fusion = in_turn, first: str = RECEIVER) -> None:
         self.tracker, self._fusion, self._first = make_tracker(), fusion, first
 
-    def step(self, measurements: Sequence[Measurement], now_ns: int) -> Tracks:
+    def step(self, measurements: Measurements | Sequence[Measurement], now_ns: int) -> Tracks:
         """Take in the measurements that arrived since the last step and return the tracks at `now_ns`.
 
         Args:
@@ -247,17 +236,18 @@ class PredictForward(DelayedMeasurements):
                 return self._track(measurements.groups.take(newest), now_ns)
             self._any_late = True
             for time_ns, step in self._on_time:
-                for each in (step[number] for number in self._newest(step)):
-                    self._senders.take(each.source, time_ns, each.detections)
+                for number in self._newest(step):
+                    self._senders.take(step.sources[number], time_ns, step.groups[number])
         self._senders.forget(now_ns - _EXPIRY_NS)
-        return self._track(DetectionGroups.of(self._moved(measurements[number], now_ns) for number in newest), now_ns)
+        return self._track(DetectionGroups.of(self._moved(measurements, number, now_ns) for number in newest), now_ns)
 
-    def _moved(self, measurement: Measurement, now_ns: int) -> Detections:
-        """Return the detections where their objects should be at `now_ns`; none if they are overtaken or expired."""
-        source, captured_ns = measurement.source, min(measurement.captured_ns, now_ns)
+    def _moved(self, measurements: Measurements, number: int, now_ns: int) -> Detections:
+        """Return a source's detections where their objects should be now; none if they are overtaken or expired."""
+        source, captured_ns = measurements.sources[number], min(measurements.captured_ns[number], now_ns)
+        found = measurements.groups[number]
         if source == RECEIVER:
-            return measurement.detections
-        if captured_ns < now_ns - _EXPIRY_NS or not self._senders.take(source, captured_ns, measurement.detections):
+            return found
+        if captured_ns < now_ns - _EXPIRY_NS or not self._senders.take(source, captured_ns, found):
             return Detections.empty()
         return self._senders.newest(source).at(now_ns)
 

@@ -68,7 +68,7 @@ class TrackStates:
         """Return these tracks followed by the others."""
         one, two = self.beliefs, other.beliefs
         beliefs = Beliefs(np.concatenate([one.mean, two.mean]), np.concatenate([one.covariance, two.covariance]))
-        columns = (np.concatenate(pair) for pair in zip(self._columns, other._columns, strict=True))
+        columns: Iterator[Any] = (np.concatenate(pair) for pair in zip(self._columns, other._columns, strict=True))
         return TrackStates(beliefs, *columns, self.appearance.join(other.appearance))
 
     @property
