@@ -18,7 +18,6 @@ from coopsim.agents.tracking_policy import TrackingPolicy, within_reach
 from coopsim.catalog import POLICIES, make_policy
 from coopsim.config.spec import parse_spec
 from coopsim.errors import InvalidValueError
-from coopsim.fusion.alignment import ReceivedBoxes
 from coopsim.geometry.boxes import covers
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.checks import require_between, require_count, require_positive, require_probability
@@ -232,7 +231,7 @@ class PerceivingPolicy(TrackingPolicy):
         if observation.sensed:
             own = self.find(agent, observation, []).transform(base_SE3_compass(observation))
         boxes = [
-            ReceivedBoxes(message, drop_unreportable(self.found_by(float(message.pose.xyz_yaw[3]), content)))
+            (message, drop_unreportable(self.found_by(float(message.pose.xyz_yaw[3]), content)))
             for message, content in received
         ]
         placed = drop_unreportable(own).transform(state.frame.odom_SE3_base)

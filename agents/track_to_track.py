@@ -17,7 +17,7 @@ from coopsim.catalog import POLICIES
 from coopsim.comms.envelope import decode_tracks
 from coopsim.comms.uplinks.share_tracks import OwnTracks, ShareTracks
 from coopsim.comms.uplinks.uplink import Uplink
-from coopsim.fusion.alignment import PoseAlignment, ReceivedBoxes
+from coopsim.fusion.alignment import PoseAlignment
 from coopsim.fusion.track_fusion import fuse_tracks
 from coopsim.geometry.boxes import covers
 from coopsim.geometry.se3 import SE3Batch
@@ -149,8 +149,7 @@ class TrackToTrack(Policy):
             return frame.odom_SE3_senders([message for message, _ in read], observation)
         own = drop_unreportable(observation.detections).transform(frame.odom_SE3_base)
         heard = [
-            ReceivedBoxes(message, Detections(each.tracks.boxes, each.tracks.score, each.tracks.label))
-            for message, each in read
+            (message, Detections(each.tracks.boxes, each.tracks.score, each.tracks.label)) for message, each in read
         ]
         return SE3Batch.of(state.alignment.place(observation, frame, own, heard))
 

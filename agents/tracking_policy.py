@@ -15,7 +15,7 @@ from coopsim.comms.envelope import decode_detections
 from coopsim.comms.uplinks.share_detections import ShareDetections
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.errors import InvalidValueError
-from coopsim.fusion.alignment import PoseAlignment, ReceivedBoxes
+from coopsim.fusion.alignment import PoseAlignment
 from coopsim.geometry.boxes import covers
 from coopsim.geometry.se3 import Floats, SE3Batch
 from coopsim.localization.odometry import OdometryFrame, stated_poses
@@ -169,9 +169,8 @@ def _measurements(
     if alignment is None:
         senders = frame.odom_SE3_senders(messages, observation)
     else:
-        heard = [ReceivedBoxes(message, found) for message, found in received]
         placed = own.transform(frame.odom_SE3_base)
-        senders = SE3Batch.of(alignment.place(observation, frame, placed, heard))
+        senders = SE3Batch.of(alignment.place(observation, frame, placed, received))
     groups = DetectionGroups.of([own, *(found for _, found in received)])
     sensors = senders.with_first(frame.odom_SE3_base)
     groups = groups.transform_each(sensors)

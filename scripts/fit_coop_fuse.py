@@ -32,9 +32,9 @@ from coopsim.agents.late_fusion import LateFusion
 from coopsim.bench.evaluate import listening_env
 from coopsim.cli.arguments import seeds
 from coopsim.data.recording_set import Recording, RecordingSet
-from coopsim.fusion.box_fusion import correspond, trust_likelier
+from coopsim.fusion.box_fusion import correspond_rows, trust_likelier
 from coopsim.fusion.compromise import ON_OBJECT
-from coopsim.fusion.fused_boxes import Calibration, FusedBoxes, SourceOdds, pair_features
+from coopsim.fusion.fused_boxes import AWAY, BOX, SCORE, Calibration, SourceOdds, pair_features, rows_of_agent
 from coopsim.geometry.assignment import greedy
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d
@@ -81,7 +81,7 @@ def main() -> None:
     report(f"{DRAWN} of them, mean of {DRAWS} draws", figures_of_draws(held_out))
 
 
-class Heard(LateFusion):
+class GroupsOfLateFusion(LateFusion):
     """Late fusion that keeps the groups of each agent's frames, and its base frame's poses in their frame."""
 
     def __post_init__(self) -> None:
@@ -102,7 +102,7 @@ class Heard(LateFusion):
 
 def town(seed: int, frames: int, detector: str) -> list[Recording]:
     """Return a drawn town as each of its agents sees and hears it: boxes and truth in the agent's odometry frame."""
-    policy, truth = Heard(), dict[str, list[GroundTruth]]()
+    policy, truth = GroupsOfLateFusion(), dict[str, list[GroundTruth]]()
     env = listening_env("town", policy, {"detector": detector, "max_cycles": frames, "expose_ground_truth": True})
     observations, infos = env.reset(seed=seed)
     policy.reset(env.agent_specs, seed=seed)
@@ -175,12 +175,12 @@ def _pairs(recordings: Sequence[Recording], frames: int) -> tuple[tuple[Floats, 
         first, *others = recording.detections.values()
         for frame in range(min(recording.frames, frames)):
             truth = recording.truth[frame].boxes.array
-            own = FusedBoxes.of_agent(drop_invalid(first[frame]))
-            for other in (FusedBoxes.of_agent(drop_invalid(each[frame])) for each in others):
-                seen = correspond(own, other, MERGE_GATE)
-                seen_by_both.append(_one_right(own[seen.own], other[seen.other], truth))
-                if seen.expected is not None:
-                    seen_by_other.append(_one_right(seen.expected, other[seen.new], truth))
+            own = _rows(first[frame])
+            for other in (_rows(each[frame]) for each in others):
+                mine, theirs, new, common, expected = correspond_rows(own, other, MERGE_GATE)
+                seen_by_both.append(_one_right(own[mine], other[theirs], truth))
+                if common:
+                    seen_by_other.append(_one_right(expected, other[new], truth))
     both, only_other = (
         (np.concatenate([features for features, _ in each]), np.concatenate([right for _, right in each]))
         for each in (seen_by_both, seen_by_other)
@@ -188,12 +188,19 @@ def _pairs(recordings: Sequence[Recording], frames: int) -> tuple[tuple[Floats, 
     return both, only_other
 
 
-def _one_right(own: FusedBoxes, other: FusedBoxes, truth: Floats) -> tuple[Floats, Mask]:
+def _rows(found: Detections) -> Floats:
+    """Return the valid boxes of an agent as rows (N, 14) of kernels."""
+    valid = drop_invalid(found)
+    return rows_of_agent(valid.boxes.array, np.ascontiguousarray(valid.score), np.ascontiguousarray(valid.label), 0)
+
+
+def _one_right(own: Floats, other: Floats, truth: Floats) -> tuple[Floats, Mask]:
     """Select the pairs of which exactly one box is right: features, and whether it is the other agent's."""
-    own_right, other_right = _right(own.detections.boxes, truth), _right(other.detections.boxes, truth)
+    boxes, other_boxes = Boxes3D.from_array(own[:, :BOX]), Boxes3D.from_array(other[:, :BOX])
+    own_right, other_right = _right(boxes, truth), _right(other_boxes, truth)
     one = own_right != other_right
-    gap_m = other.detections.boxes.bottom - own.detections.boxes.bottom
-    features = pair_features(own.score, other.score, own.away_m, other.away_m, gap_m)
+    gap_m = other_boxes.bottom - boxes.bottom
+    features = pair_features(own[:, SCORE], other[:, SCORE], own[:, AWAY], other[:, AWAY], gap_m)
     return features[one], other_right[one]
 
 

@@ -31,17 +31,8 @@ _ASSUMED = np.square([0.5, 0.5, np.radians(0.5)])
 _BOX_NOISE_M = 0.25
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ReceivedBoxes:
-    """A message with its boxes.
-
-    Attributes:
-        message: the message, with its sender, capture time and stated pose.
-        detections: the boxes in the sender's base frame, valid ones only.
-    """
-
-    message: Message
-    detections: Detections
+ReceivedBoxes = tuple[Message, Detections]
+"""A message, with its sender, capture time and stated pose, and its valid boxes in the sender's base frame."""
 
 
 @dataclass
@@ -76,19 +67,19 @@ class PoseAlignment:
         """
         self._remember(observation, frame, own)
         odom_SE3_world = frame.odom_SE3_base.compose(self._own_pose(observation).inverse())
-        stated = [odom_SE3_world.compose(each.message.pose.world_SE3_base) for each in received]
+        stated = [odom_SE3_world.compose(message.pose.world_SE3_base) for message, _ in received]
         placed: list[SE3] = list(stated)
-        for captured_ns in sorted({each.message.captured_ns for each in received}):
-            now = [row for row, each in enumerate(received) if each.message.captured_ns == captured_ns]
+        for captured_ns in sorted({message.captured_ns for message, _ in received}):
+            now = [row for row, (message, _) in enumerate(received) if message.captured_ns == captured_ns]
             # The same message twice is one, and the graph has each agent once.
-            senders = {received[row].message.sender: row for row in now}
+            senders = {received[row][0].sender: row for row in now}
             rows = [senders[name] for name in sorted(senders)]
             found = self._corrections(
                 captured_ns, [received[row] for row in rows], [stated[row] for row in rows], observation
             )
-            by_sender = {received[row].message.sender: each for row, each in zip(rows, found, strict=True)}
+            by_sender = {received[row][0].sender: each for row, each in zip(rows, found, strict=True)}
             for row in now:
-                placed[row] = _corrected(stated[row], by_sender[received[row].message.sender])
+                placed[row] = _corrected(stated[row], by_sender[received[row][0].sender])
         return placed
 
     def _own_pose(self, observation: Observation) -> SE3:
@@ -112,14 +103,12 @@ class PoseAlignment:
         self, captured_ns: int, received: Sequence[ReceivedBoxes], stated: Sequence[SE3], observation: Observation
     ) -> list[Floats]:
         """Return the correction (3,) of each message of one moment: x, y m in the odometry frame and heading rad."""
-        news = [captured_ns > self._used_ns.get(each.message.sender, -1) for each in received]
-        filters = [self._filter(each.message, captured_ns, observation.pose) for each in received]
+        news = [captured_ns > self._used_ns.get(message.sender, -1) for message, _ in received]
+        filters = [self._filter(message, captured_ns, observation.pose) for message, _ in received]
         agents = [self._own_boxes[min(self._own_boxes, key=lambda known_ns: abs(known_ns - captured_ns))]]
         agents += [
-            _placed_boxes(
-                each.detections.transform(place), place, is_object=self.is_object.get(each.message.sender, False)
-            )
-            for each, place in zip(received, stated, strict=True)
+            _placed_boxes(found.transform(place), place, is_object=self.is_object.get(message.sender, False))
+            for (message, found), place in zip(received, stated, strict=True)
         ]
         prior = Corrections(np.array([each.mean for each in filters]), np.array([each.covariance for each in filters]))
         guess: Iterable[Floats] = _coarse(agents, prior)
@@ -127,14 +116,14 @@ class PoseAlignment:
             common = common_objects(agents, [np.zeros(3), *guess], gate_m)
             if not len(common.agent):
                 break
-            found = align(_graph(agents, common), prior, _BOX_NOISE_M)
-            guess = found.mean
+            aligned = align(_graph(agents, common), prior, _BOX_NOISE_M)
+            guess = aligned.mean
         corrections = [each.mean for each in filters]
         for number, (one, new) in enumerate(zip(filters, news, strict=True)):
             if common.of_agent(number + 1) >= self.min_common:
-                corrections[number] = found.mean[number]
+                corrections[number] = aligned.mean[number]
                 if new:  # an overtaken or repeated message carries no new information
-                    one.update(found.mean[number], found.covariance[number])
+                    one.update(aligned.mean[number], aligned.covariance[number])
         return corrections
 
     def _filter(self, message: Message, captured_ns: int, own: PoseEstimate) -> PoseErrorFilter:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -33,30 +32,6 @@ from coopsim.support.kernels import njit
 from coopsim.types import Detections, Ints
 from coopsim.types.groups import DetectionGroups
 from coopsim.types.valid_detections import drop_invalid
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Correspondence:
-    """The pairs of two agents' boxes on the same objects.
-
-    Attributes:
-        own: (K,) rows of the own boxes that the other agent sees too.
-        other: (K,) the other agent's rows of those objects.
-        new: (L,) the other agent's rows of objects that only it sees.
-        expected: (L,) boxes of those as registration expects the receiver's sensor to see them; None without common
-            objects to register by.
-    """
-
-    own: Ints
-    other: Ints
-    new: Ints
-    expected: FusedBoxes | None
-
-
-def correspond(own: FusedBoxes, other: FusedBoxes, gate: float) -> Correspondence:
-    """Match two agents' boxes under their registration, which removes a common error of a pose or a clock."""
-    mine, theirs, new, common, expected = correspond_rows(own.rows, other.rows, float(gate))
-    return Correspondence(mine, theirs, new, FusedBoxes.of_rows(expected, other.detections) if common else None)
 
 
 def trust_likelier(
@@ -147,7 +122,9 @@ def fuse_groups(
 
 @njit(cache=True, nogil=True)
 def correspond_rows(own: Floats, other: Floats, gate: float) -> tuple[Ints, Ints, Ints, int, Floats]:
-    """Match two agents' boxes, rows (N, 14) and (M, 14), under their registration, as `correspond` says.
+    """Match two agents' boxes, rows (N, 14) and (M, 14), under their registration.
+
+    That removes a common error of a pose or a clock.
 
     Returns:
         The rows (K,) of the own boxes that the other agent sees too, rising, and its rows (K,) of those objects; its

@@ -42,11 +42,6 @@ class FusedBoxes:
     away_m: Floats
 
     @classmethod
-    def of_agent(cls, detections: Detections) -> FusedBoxes:
-        """Return the boxes of one agent."""
-        return cls.of_rows(rows_of_agent(detections.boxes.array, detections.score, detections.label, 0), detections)
-
-    @classmethod
     def of_rows(cls, rows: Floats, source: Detections) -> FusedBoxes:
         """Return fused boxes from the rows of kernels; `source` has their covariances and embeddings."""
         label, origin = rows[:, LABEL].astype(np.int64), rows[:, ORIGIN].astype(np.int64)
@@ -56,13 +51,6 @@ class FusedBoxes:
         return cls(
             Detections(boxes, rows[:, BEST], label, covariance, embedding), *rows[:, [CHANCE, NEAREST, SCORE, AWAY]].T
         )
-
-    @property
-    def rows(self) -> Floats:
-        """The boxes as kernels have them, (K, 14), which carry their own covariances and embeddings."""
-        found = self.detections
-        values = (found.score, self.chance, self.nearest_m, self.score, self.away_m)
-        return np.column_stack([found.boxes.array, *values, found.label, np.arange(len(found))])
 
     def __getitem__(self, rows: Ints | Mask) -> FusedBoxes:
         numbers = (self.chance, self.nearest_m, self.score, self.away_m)

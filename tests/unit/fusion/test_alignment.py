@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from coopsim.fusion.alignment import ErrorProcess, PoseAlignment, ReceivedBoxes
+from coopsim.fusion.alignment import ErrorProcess, PoseAlignment
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
 from coopsim.localization.odometry import OdometryFrame
@@ -59,7 +59,7 @@ def errors_m(
         own, stated = seen_from(here, rng, count, 5.0), PoseEstimate(np.zeros(4), covariance)
         observation = Observation(k * FRAME_NS, stated, Odometry(np.zeros(4)), own)
         frame.move(observation)
-        heard = ReceivedBoxes(message, seen_from(there, rng, count, 5.0 + apart_m))
+        heard = (message, seen_from(there, rng, count, 5.0 + apart_m))
         placed = alignment.place(observation, frame, own, [heard])[0]
         found.append([np.hypot(*(pose.translation - there.translation)[:2]) for pose in (said.world_SE3_base, placed)])
     return np.array(found)
@@ -104,7 +104,7 @@ def test_a_constant_error_stays_corrected_while_nothing_is_shared() -> None:
         own = seen_from(here, rng, 12, 5.0) if k < 55 else Detections.empty()
         observation = Observation(k * FRAME_NS, PoseEstimate(np.zeros(4)), Odometry(np.zeros(4)), own)
         frame.move(observation)
-        heard = ReceivedBoxes(Message("cav_1", k * FRAME_NS, said, b"", "detections"), seen_from(there, rng, 12, 5.0))
+        heard = (Message("cav_1", k * FRAME_NS, said, b"", "detections"), seen_from(there, rng, 12, 5.0))
         placed = alignment.place(observation, frame, own, [heard])[0]
     assert np.hypot(*(placed.translation - there.translation)[:2]) < 0.25
 
@@ -123,9 +123,7 @@ def test_the_same_message_twice_is_placed_twice_alike_and_an_unknown_sender_is_p
     here, there = (SE3.from_xyz_yaw([x, y, 0.0], yaw) for x, y, yaw in STANDING)
     own = seen_from(here, rng, 8, 5.0)
     said = PoseEstimate(np.array([25.5, 6.0, 0.0, 2.0]))
-    heard = [
-        ReceivedBoxes(Message(name, 0, said, b"", ""), seen_from(there, rng, 8, 5.0)) for name in ("cav_1", "stranger")
-    ]
+    heard = [(Message(name, 0, said, b"", ""), seen_from(there, rng, 8, 5.0)) for name in ("cav_1", "stranger")]
     observation = Observation(0, PoseEstimate(np.zeros(4)), Odometry(np.zeros(4)), own)
     frame.move(observation)
     first, other, again = alignment.place(observation, frame, own, [*heard, heard[0]])
@@ -139,7 +137,7 @@ def test_senders_that_change_their_names_for_ever_are_forgotten() -> None:
         own, here = Detections.empty(), PoseEstimate(np.zeros(4))
         observation = Observation(k * FRAME_NS, here, Odometry(np.zeros(4)), own)
         frame.move(observation)
-        alignment.place(observation, frame, own, [ReceivedBoxes(Message(f"cav_{k}", k * FRAME_NS, here, b"", ""), own)])
+        alignment.place(observation, frame, own, [(Message(f"cav_{k}", k * FRAME_NS, here, b"", ""), own)])
     assert len(alignment._senders) == len(alignment._used_ns) <= 201
 
 

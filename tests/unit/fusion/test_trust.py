@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from coopsim.errors import InvalidValueError
 from coopsim.fusion.box_fusion import trust_likelier
-from coopsim.fusion.fused_boxes import FusedBoxes, SourceOdds, pair_features, probability_other
+from coopsim.fusion.fused_boxes import AWAY, SourceOdds, pair_features, probability_other, rows_of_agent
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d
 from coopsim.geometry.se3 import Floats
@@ -139,7 +139,8 @@ def test_a_third_agent_that_is_surely_right_leaves_no_doubt_from_the_first_two()
 
 def test_what_an_agent_sees_clearly_is_where_its_good_scores_are() -> None:
     def away_m(*boxes: tuple[float, float]) -> Floats:
-        return FusedBoxes.of_agent(found(*boxes)).away_m
+        seen = found(*boxes)
+        return rows_of_agent(seen.boxes.array, seen.score.copy(), seen.label.copy(), 0)[:, AWAY]
 
     away = away_m((0, 0.8), (10, 0.8), (100, 0.01))
     np.testing.assert_allclose(away, [5, 5, 95], atol=0.01)
