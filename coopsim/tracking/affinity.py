@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from coopsim.geometry import box_similarity, iou
+from coopsim.geometry import iou
 from coopsim.geometry.se3 import Floats
 from coopsim.tracking.track_states import TrackStates
 from coopsim.types import Detections
@@ -53,13 +53,13 @@ giou_3d = BoxAffinity(iou.giou_3d)
 giou_bev = BoxAffinity(iou.giou_bev)
 """Generalized IoU of footprints, in (-1, 1]."""
 
-center_distance = BoxAffinity(box_similarity.center_distance_bev)
+center_distance = BoxAffinity(iou.center_distance_bev)
 """Minus the distance of the centres on the ground, m, <= 0. A gate of -2 allows 2 m."""
 
-xiou = BoxAffinity(box_similarity.xiou)
+xiou = BoxAffinity(iou.xiou)
 """GIoU and heading together, in [0, 1] (Hu et al., eq. 23)."""
 
-axial_xiou = BoxAffinity(box_similarity.axial_xiou)
+axial_xiou = BoxAffinity(iou.axial_xiou)
 """XIOU, in [0, 1], of boxes whose front may be their back."""
 
 
@@ -71,5 +71,5 @@ def _half_giou(a: ArrayLike, b: ArrayLike) -> Floats:
 half_giou = BoxAffinity(_half_giou)
 """(GIoU + 1) / 2, in (0, 1]: XIOU without headings."""
 
-fgam = BoxAffinity(box_similarity.fgam)
+fgam = BoxAffinity(iou.fgam)
 """1 less the distance in units of the smaller box, in [0, 1]; -inf beyond one (YOLOO, Gu et al., eq. 8)."""

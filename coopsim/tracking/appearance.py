@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coopsim.geometry.assignment import greedy
-from coopsim.geometry.box_similarity import center_distance_bev
+from coopsim.geometry.iou import center_distance_bev
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between, require_count, require_number, require_positive
 from coopsim.tracking.affinity import fgam

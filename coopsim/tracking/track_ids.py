@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from coopsim.geometry.assignment import hungarian
-from coopsim.geometry.box_similarity import center_distance_bev
+from coopsim.geometry.iou import center_distance_bev
 from coopsim.types import NS_PER_S, Ints, Tracks
 
 _SAME_M = 2.0

@@ -158,7 +158,7 @@ _PARALLEL = 1e-9
 
 
 def xiou_of_pairs(first: Tensor, second: Tensor) -> Tensor:
-    """Return the XIOU (N,), in [0, 1], of boxes (N, 7) and (N, 7), as `coopsim.geometry.box_similarity.xiou` has it.
+    """Return the XIOU (N,), in [0, 1], of boxes (N, 7) and (N, 7), as `coopsim.geometry.iou.xiou` has it.
 
     Source: Hu, Wang and Wang, eq. 19-23; boxes are x, y, z, l, w, h, yaw.
     """

@@ -16,8 +16,8 @@ from coopsim.data.kitti import AXES
 from coopsim.data.recording_set import Recording, RecordingSet
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.assignment import Pairs, greedy, hungarian
-from coopsim.geometry.box_similarity import center_distance_bev
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.iou import center_distance_bev
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.learn.clips.clip import AgentScene, Clip, Scene
 from coopsim.learn.samples.sample_frames import sweeps_of

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coopsim.geometry.box_similarity import axial_xiou, center_distance_bev, fgam, xiou
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.iou import giou_3d
+from coopsim.geometry.iou import axial_xiou, center_distance_bev, fgam, giou_3d, xiou
 from coopsim.geometry.se3 import SE3
 
 CAR = [0.0, 0, 0, 4, 2, 1.5, 0]

@@ -10,8 +10,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from coopsim.geometry.box_similarity import xiou  # noqa: E402
-from coopsim.geometry.iou import giou_3d  # noqa: E402
+from coopsim.geometry.iou import giou_3d, xiou  # noqa: E402
 from coopsim.learn.losses.instance_losses import giou_of_pairs, xiou_of_pairs  # noqa: E402
 
 torch.set_num_threads(1)
