@@ -163,7 +163,7 @@ def town_layout(
     arms = streets.arms if crosswalks is None else crosswalks
     outlines, lines = [crosswalk_of(streets, arm) for arm in arms], lane_lines(network, movements)
     road_map = town_map(surface, outlines, pavements_of(streets), buildings, lines)
-    usual = {
+    usual: dict[str, Any] = {
         "connected_order": inbound_first(slots),
         "footways": footways_of(streets),
         "cycleways": cycleways_of(streets),
