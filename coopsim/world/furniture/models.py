@@ -274,7 +274,8 @@ def fence(length_m: float, height_m: float, variant: int) -> Piece:
     slats = [_upright(-half + (k + 0.5) * pitch, _SLAT_SHARE * pitch / 2, (0.08, height_m)) for k in range(count)]
     rails = [_upright(0.0, half, (z - 0.04, z + 0.04)) for z in (0.25, height_m - 0.2)]
     places = -half + 0.05 + np.arange(max(1, round(length_m / _POST_M))) * _POST_M
-    posts = [sheet(x, (-0.05, 0.05), (0.0, height_m + 0.05)) for x in places.tolist()]
+    high_m = height_m + 0.05
+    posts = [sheet([[x, -0.05, 0.0], [x, 0.05, 0.0], [x, 0.05, high_m], [x, -0.05, high_m]]) for x in places.tolist()]
     mesh = joined([*slats, *rails, *posts])
     around = box_around(mesh.vertices)[None]
     return (Shape(mesh.vertices, mesh.faces, (WOOD, WHITE, WOOD)[variant % 3], False, around, _SLAT_SHARE),)
@@ -326,5 +327,5 @@ def scaffold(length_m: float, height_m: float, _: int) -> Piece:
 
 
 def _upright(x: float, half_m: float, z: tuple[float, float]) -> Solid:
-    corners = [[x - half_m, 0.0, z[0]], [x + half_m, 0.0, z[0]], [x + half_m, 0.0, z[1]], [x - half_m, 0.0, z[1]]]
-    return Solid(np.array(corners), np.array([[0, 1, 2], [0, 2, 3]]))
+    low, high = x - half_m, x + half_m
+    return sheet([[low, 0.0, z[0]], [high, 0.0, z[0]], [high, 0.0, z[1]], [low, 0.0, z[1]]])

@@ -96,9 +96,8 @@ def mound(rings: Sequence[Floats]) -> Solid:
     return Solid(np.vstack(rings), np.vstack([*sides, *caps]))
 
 
-def sheet(x: float, y: tuple[float, float], z: tuple[float, float]) -> Solid:
-    """Build an upright rectangle without thickness across x (2 faces)."""
-    corners = [[x, y[0], z[0]], [x, y[1], z[0]], [x, y[1], z[1]], [x, y[0], z[1]]]
+def sheet(corners: ArrayLike) -> Solid:
+    """Build a rectangle without thickness from its corners (4, 3) m (2 faces)."""
     return Solid(np.array(corners, dtype=np.float64), np.array([[0, 1, 2], [0, 2, 3]]))
 
 

@@ -160,6 +160,20 @@ class LotKind(NamedTuple):
     gables: float = 0.0
     windows: float = 0.9
 
+    def draw_height_m(self, rng: np.random.Generator) -> float:
+        """Draw the height of a building."""
+        return float(_STOREY_M * rng.integers(self.storeys[0], self.storeys[1] + 1) + rng.uniform(0.3, 1.6))
+
+    def draw_setback_m(self, openness: float, rng: np.random.Generator) -> float:
+        """Draw the distance of a building from the border of its ground."""
+        least_m = 0.02 + rng.uniform(*self.setback_m)
+        return float(least_m + rng.uniform(0.3, 1.0) * self.opens_m * openness * np.sqrt(openness))
+
+    def draw_style(self, rng: np.random.Generator) -> dict[str, Any]:
+        """Draw further keys of a building: colour, windows, roof."""
+        gable, glass, color = rng.random() < self.gables, rng.random() < self.windows, rng.choice(COLORS)
+        return {"color": str(color)} | ({"windows": True} if glass else {}) | ({"roof": "gable"} if gable else {})
+
 
 _HOUSES = (plain, with_bay, l_shape, with_annex, with_annex)
 _BLOCKS = (plain, cut, l_shape, u_shape, with_bay)
@@ -200,20 +214,3 @@ def _shares(openness: float) -> Floats:
     weights = np.array([np.interp(openness, (0.0, 0.5, 1.0), kind.weights) for kind in KINDS.values()])
     shares: Floats = weights / weights.sum()
     return shares
-
-
-def draw_height_m(kind: LotKind, rng: np.random.Generator) -> float:
-    """Draw the height of a building."""
-    return float(_STOREY_M * rng.integers(kind.storeys[0], kind.storeys[1] + 1) + rng.uniform(0.3, 1.6))
-
-
-def draw_setback_m(kind: LotKind, openness: float, rng: np.random.Generator) -> float:
-    """Draw the distance of a building from the border of its ground."""
-    low, high = kind.setback_m
-    return float(0.02 + rng.uniform(low, high) + rng.uniform(0.3, 1.0) * kind.opens_m * openness * np.sqrt(openness))
-
-
-def draw_style(kind: LotKind, rng: np.random.Generator) -> dict[str, Any]:
-    """Draw further keys of a building: colour, windows, roof."""
-    gable, glass, color = rng.random() < kind.gables, rng.random() < kind.windows, rng.choice(COLORS)
-    return {"color": str(color)} | ({"windows": True} if glass else {}) | ({"roof": "gable"} if gable else {})

@@ -10,16 +10,7 @@ from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 from coopsim.world.places.layout import rectangle
-from coopsim.world.towns.buildings import (
-    CHURCH,
-    KINDS,
-    LotKind,
-    Part,
-    draw_height_m,
-    draw_kind,
-    draw_setback_m,
-    draw_style,
-)
+from coopsim.world.towns.buildings import CHURCH, KINDS, LotKind, Part, draw_kind
 from coopsim.world.towns.geometry import keep_corners
 from coopsim.world.towns.kerbs import CORNER, LOOP, STREET
 from coopsim.world.towns.site import Frame, Site, frame_between
@@ -87,8 +78,8 @@ def _build_along(site: Site, frontage: Frontage, rng: np.random.Generator) -> No
 
 def _build(site: Site, frame: Frame, kind: LotKind, width_m: float, rng: np.random.Generator) -> float | None:
     """Build on a lot if there is space; return the distance from the border, None without."""
-    setback_m, depth_m = draw_setback_m(kind, site.openness, rng), rng.uniform(*kind.depth_m)
-    height_m, style = draw_height_m(kind, rng), draw_style(kind, rng)
+    setback_m, depth_m = kind.draw_setback_m(site.openness, rng), rng.uniform(*kind.depth_m)
+    height_m, style = kind.draw_height_m(rng), kind.draw_style(rng)
     if not kind.shapes:
         return setback_m
     if width_m < kind.width_m[0] * 0.6:
@@ -172,7 +163,7 @@ def _build_corner(site: Site, border: Floats, out: Floats, openness: float, rng:
     walled, wall_m = rng.random() < 0.75 - openness, rng.uniform(1.7, 2.4)
     if walled and setback_m > 2.0:
         _wall_around(site, border, rng.uniform(8.0, 25.0, 2), out, wall_m)
-    style = draw_style(KINDS["closed"], rng)
+    style = KINDS["closed"].draw_style(rng)
     if draw > 1.25 - openness:
         if openness < 0.7:  # a square
             for outline in _corner_parts(border, out, sides_m, None, 0.05):
