@@ -73,12 +73,12 @@ def turned_rectangle(rng):
 
 def test_taken_ground_is_what_overlaps():
     rng, taken = np.random.default_rng(0), TakenGround()
-    taken = [turned_rectangle(rng) for _ in range(4)]
-    for outline in taken:
+    outlines = [turned_rectangle(rng) for _ in range(4)]
+    for outline in outlines:
         taken.take(outline)
     for _ in range(300):
         outline = turned_rectangle(rng)
-        overlaps = any(Polygon(outline).intersection(Polygon(other)).area > 1e-9 for other in taken)
+        overlaps = any(Polygon(outline).intersection(Polygon(other)).area > 1e-9 for other in outlines)
         assert taken.is_free(outline) != overlaps
 
 
@@ -106,7 +106,7 @@ def test_nothing_is_taken_where_one_part_does_not_fit():
     assert not taken.is_free(rectangle((5, 6), (0, 1)))
 
 
-def test_room_grows():
+def test_taken_ground_grows():
     taken = TakenGround()
     for k in range(600):
         taken.take(rectangle((2 * k, 2 * k + 1), (0, 1)))
