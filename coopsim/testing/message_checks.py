@@ -124,7 +124,7 @@ def _check_message(uplink: Uplink, sender: str, message: object, served: Mapping
 
 
 def _differs(one: Message, two: Message) -> str:
-    return "" if one.payload == two.payload else "payloads"
+    return "" if one.payload == two.payload else "the payloads"
 
 
 def _emptied(observation: Observation) -> Observation:
