@@ -4,28 +4,26 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Callable, Sequence
-from functools import partial
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from inspect import signature
 from pathlib import Path
 from typing import Any, Literal, overload
 
+import cloudpickle
 from gymnasium.vector import AutoresetMode
 
-from coopsim.envs.vector.crew import Crew, StartWorker
-from coopsim.envs.vector.env_recipe import Recipe, Wrap
-from coopsim.envs.vector.multi_agent import MultiAgentVector
-from coopsim.envs.vector.on_ray import RayWorkers
-from coopsim.envs.vector.process import Process
-from coopsim.envs.vector.single_agent import SingleAgentVector
 from coopsim.envs.vector.stepper import Stepper, require_vector_seed
-from coopsim.envs.vector.worker import InProcess
+from coopsim.envs.vector.vectors import MultiAgentVector, SingleAgentVector
+from coopsim.envs.vector.workers import CallingProcess, WorkerPool
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.support.checks import require_choice, require_count
 from coopsim.support.processes import cores
 
 AGENTS = ("all", "single")
-BACKENDS = ("local", "ray")
+
+Wrap = Callable[[Any], Any]
 
 
 @overload
@@ -56,18 +54,17 @@ def vector(
     wrap: Wrap | Sequence[Wrap] = (),
     seed: int | None = None,
     autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-    backend: str = "local",
-    address: str | None = None,
+    backend: str | None = None,
     **options: Any,
 ) -> SingleAgentVector | MultiAgentVector:
     """Make `count` environments that are stepped together by worker processes.
 
-    The same seed gives the same bits for any number of workers, and on Ray. Workers begin without the caller's script,
+    The same seed gives the same bits for any number of workers. Workers begin without the caller's script,
     so no `if __name__ == "__main__"` is needed; functions and classes of the script are sent along.
 
     Args:
-        environment: name or scenario file, as of `coopsim.parallel_env`; or a function that returns an environment of
-            gymnasium or of PettingZoo's parallel API, which gets `options`.
+        environment: name or scenario file, as `coopsim.parallel_env` takes it; or a function that gets `options` and
+            returns an environment of gymnasium or of PettingZoo's parallel API.
         count: number of environments.
         workers: number of processes that share them; 0 steps in the calling process, None is one for each core. There
             are never more than environments.
@@ -75,19 +72,17 @@ def vector(
             `coopsim.single_env`, and the vector is a `SingleAgentVector`, which is gymnasium's `VectorEnv`. None is
             "all" for names; a function decides itself, and what is given must agree with what it makes.
         wrap: a wrapper, or several, the innermost first: each is called with an environment and returns one.
-        seed: of the first `reset` without one; None: a fresh one.
+        seed: seed of the first `reset` without one; None: a fresh one.
         autoreset_mode: gymnasium's `AutoresetMode`, or its value: "NextStep", "SameStep", "Disabled".
-        backend: "local" for processes of this machine, or "ray" for Ray actors, with at least one worker.
-        address: of a Ray cluster, as `ray.init` takes it; None: `RAY_ADDRESS`, or else this machine alone.
-        **options: of the environment.
+        backend: deprecated; "local" is accepted for one more release.
+        **options: options of the environment.
 
     Returns:
         A `SingleAgentVector` or a `MultiAgentVector`, by `agents` or by what the function makes.
 
     Raises:
-        UnknownNameError: no such environment, option, backend or choice of agents; the message lists the close ones.
+        UnknownNameError: no such environment, option or choice of agents; the message lists the close ones.
         InvalidValueError: a value is not accepted.
-        MissingDependencyError: Ray is not installed.
         LostEnvironmentsError: a worker died while it made its environments.
         Exception: what making an environment raised.
     """
@@ -96,56 +91,36 @@ def vector(
         require_count(0, workers=workers)
     if agents is not None:
         require_choice("agents", agents, AGENTS)
-    require_choice("backend", backend, BACKENDS)
+    if backend is not None:
+        require_choice("backend", backend, ("local",), "(vectors no longer run on Ray)")
+        warnings.warn("backend is deprecated, as 'local' is the only one: leave it out", DeprecationWarning, 2)
     if seed is not None:
         require_vector_seed(seed)
     if not (isinstance(environment, (str, Path)) or callable(environment)):
         raise InvalidValueError(f"environment must be a name, the path of a file or a function, got {environment!r}")
-    if backend == "local" and workers != 0 and os.name != "posix":
-        raise InvalidValueError("worker processes need POSIX (Linux, macOS): choose workers=0 or backend='ray'")
+    if workers != 0 and os.name != "posix":
+        raise InvalidValueError("worker processes need POSIX (Linux, macOS): choose workers=0")
     mode = _autoreset_mode(autoreset_mode)
     recipe = Recipe(environment, agents, options, _wrappers(wrap)).packed()
     workers = min(count, cores() if workers is None else workers)
-    start, stop = _starter(recipe, workers, backend, address)
     try:
-        crew = Crew(start, count, max(workers, 1))
+        pool = WorkerPool(recipe, count, workers) if workers else CallingProcess(recipe, count)
     except UnknownNameError as error:
-        stop()
         if error.kind == "option" and error.name in options and not callable(environment):
             raise _unknown_option(error, agents) from error
         raise
-    except BaseException:
-        stop()
-        raise
-
-    def end() -> None:
-        crew.end()
-        stop()
-
     try:
-        stepper = Stepper(crew, count, mode, seed)
+        stepper = Stepper(pool, count, mode, seed)
         made = AGENTS[stepper.description.single]
         if agents not in (None, made):
             raise InvalidValueError(
                 f"agents must be {made!r} or left out for what the environments are, got {agents!r}"
             )
         kind = SingleAgentVector if stepper.description.single else MultiAgentVector
-        return kind(stepper, end)
+        return kind(stepper, pool.end)
     except BaseException:
-        end()
+        pool.end()
         raise
-
-
-def _starter(recipe: bytes, workers: int, backend: str, address: str | None) -> tuple[StartWorker, Callable[[], None]]:
-    """Return what starts a worker, and what is called after the last has ended."""
-    if backend == "ray":
-        if workers < 1:
-            raise InvalidValueError("workers must be >= 1 with backend 'ray', got 0")
-        cluster = RayWorkers(workers, address)
-        return partial(cluster.start, recipe), cluster.stop
-    if address is not None:
-        raise InvalidValueError(f"address is of a Ray cluster: it needs backend='ray', got {address!r}")
-    return partial(Process if workers else InProcess, recipe), _nothing
 
 
 def _unknown_option(error: UnknownNameError, agents: str | None) -> UnknownNameError:
@@ -157,10 +132,6 @@ def _unknown_option(error: UnknownNameError, agents: str | None) -> UnknownNameE
     elif agents != "single" and error.name in signature(importlib.import_module("coopsim").single_env).parameters:
         where = 'without agents="single"'
     return UnknownNameError(error.kind, error.name, {*error.known, *own, "count"}, where)
-
-
-def _nothing() -> None:
-    """Do nothing."""
 
 
 def _autoreset_mode(mode: object) -> AutoresetMode:
@@ -176,3 +147,44 @@ def _wrappers(wrap: Wrap | Sequence[Wrap]) -> tuple[Wrap, ...]:
     if not isinstance(wrappers, (list, tuple)) or not all(map(callable, wrappers)):
         raise InvalidValueError(f"wrap must be a function of an environment, or a list of these, got {wrap!r}")
     return tuple(wrappers)
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """Plan of the environments of a vector.
+
+    Attributes:
+        environment: name or scenario file, or a function that makes one.
+        agents: "all", "single" or None (which is "all"): decides how names are made.
+        options: of the environment.
+        wrap: wrappers, the innermost first.
+    """
+
+    environment: str | Path | Callable[..., Any]
+    agents: str | None
+    options: Mapping[str, Any]
+    wrap: tuple[Wrap, ...]
+
+    def make(self) -> Any:
+        """Make an environment: of PettingZoo's parallel API, or of gymnasium."""
+        if callable(self.environment):
+            env = self.environment(**self.options)
+        else:
+            coopsim = importlib.import_module("coopsim")
+            make = coopsim.single_env if self.agents == "single" else coopsim.parallel_env
+            env = make(self.environment, **self.options)
+        for wrapper in self.wrap:
+            env = wrapper(env)
+        return env
+
+    def packed(self) -> bytes:
+        """Return the recipe as bytes for other processes: with the functions and classes of the caller's script.
+
+        Raises:
+            InvalidValueError: a part cannot be sent.
+        """
+        try:
+            packed: bytes = cloudpickle.dumps(self)
+        except Exception as error:  # pickling runs code of what is pickled
+            raise InvalidValueError(f"environment, options and wrap must be such as can be pickled: {error}") from error
+        return packed

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from coopsim.envs.parallel import fresh_seed
-from coopsim.envs.vector.courses import Course
-from coopsim.envs.vector.crew import DIED, Crew
-from coopsim.envs.vector.group import Description, Failure, Order, Reply, Transition, Value
+from coopsim.envs.vector.environments import Description, Failure, Order, Reply, Transition, Value
+from coopsim.envs.vector.workers import Pool, Round
 from coopsim.errors import (
     EpisodeStateError,
     InvalidActionError,
@@ -21,9 +20,41 @@ from coopsim.errors import (
     LostEnvironmentsError,
     UnknownNameError,
 )
-from coopsim.support.rng import require_seed
+from coopsim.support.rng import require_seed, stream
 
 MASK = "reset_mask"
+
+
+class Episodes(NamedTuple):
+    """Episodes of one environment; their seeds do not depend on workers.
+
+    Attributes:
+        env: index of the environment.
+        seed: seed that `reset` was given; negative before the first.
+        exact: `seed` is the first episode's own, as it was given for this environment alone.
+        number: number of the next episode.
+        observation: last observation; None before the first.
+        over: none is running.
+    """
+
+    env: int
+    seed: int
+    exact: bool = False
+    number: int = 0
+    observation: Any = None
+    over: bool = True
+
+    @property
+    def next_seed(self) -> int:
+        """Seed of the next episode: drawn by seed, index and number."""
+        if self.exact and self.number == 0:
+            return self.seed
+        return int(stream(self.seed, "vector", str(self.env), str(self.number)).integers(2**63))
+
+    def after(self, transition: Transition, *, began: bool) -> Self:
+        """Return the episodes after a step or a reset, which began another one or did not."""
+        # The observation is not copied: at each step that would take longer than sending it does.
+        return self._replace(number=self.number + began, observation=transition.observation, over=transition.over)
 
 
 class Stepper:
@@ -33,21 +64,19 @@ class Stepper:
     which passes over their actions; so no transition is lost, and none is made twice.
 
     Args:
-        crew: has the environments.
-        count: their number.
+        pool: workers that have the environments.
+        count: number of environments.
         mode: when a new episode begins after one that ended.
-        seed: of a `reset` without one; None: a fresh one.
+        seed: seed of a `reset` without one; None: a fresh one.
     """
 
-    def __init__(self, crew: Crew, count: int, mode: AutoresetMode, seed: int | None) -> None:
+    def __init__(self, pool: Pool, count: int, mode: AutoresetMode, seed: int | None) -> None:
         self.count, self.mode = count, mode
-        self.description: Description = crew.description
-        self._crew, self._seed = crew, seed
-        self._courses: list[Course] | None = None  # none before the first reset
-        self._observations: list[Any] = [None] * count
-        self._over = [True] * count
+        self.description: Description = pool.description
+        self._pool, self._seed = pool, seed
+        self._episodes = [Episodes(index, -1) for index in range(count)]
         self._kept: dict[int, Transition | Failure] = {}
-        self._closed = False
+        self._begun = self._closed = False
 
     def reset(
         self, seed: object, options: Mapping[str, Any] | None
@@ -58,7 +87,7 @@ class Stepper:
 
         Args:
             seed: one integer >= 0 for all, one integer or None for each, or None to go on with the next episodes.
-            options: of the environments' `reset`; `reset_mask` (count,) chooses the environments, None is all.
+            options: options of the environments' `reset`; `reset_mask` (count,) chooses the environments, None is all.
 
         Raises:
             InvalidValueError: a seed or an option is not accepted. Where environments refuse an option, these are as
@@ -66,36 +95,31 @@ class Stepper:
             UnknownNameError: an option is nearly `reset_mask`.
             EpisodeStateError: the first reset is not of all environments.
         """
-        with self._crew.hold:
-            return self._reset(seed, options)
-
-    def _reset(
-        self, seed: object, options: Mapping[str, Any] | None
-    ) -> tuple[list[Any], dict[int, Any], dict[int, str]]:
         self._require_open()
         given = _options(options)
         chosen = [int(index) for index in np.flatnonzero(self._mask(given.pop(MASK, None)))]
-        courses = self._planned(seed)
-        if self._courses is None and len(chosen) < self.count:
+        planned = self._planned(seed)
+        if not self._begun and len(chosen) < self.count:
             raise EpisodeStateError(f"the first reset must be of all environments, without {MASK}")
         self._drain()
-        for index in chosen:
-            self._kept.pop(index, None)
-        before = list(self._over)
-        for index in chosen:
-            self._over[index] = True  # until it has begun, also if Ctrl-C comes between
-        self._crew.give([Order(index, "reset", (courses[index].next_seed, given or None)) for index in chosen])
-        replies = {index: reply for index, _, reply in self._crew.replies()}
+        orders = [Order(index, "reset", (planned[index].next_seed, given or None)) for index in chosen]
+        round_ = self._pool.run(orders)
+        replies = round_.replies
         refused = {index: reply for index, reply in replies.items() if isinstance(reply, Failure) and reply.refused}
-        for index in refused:
-            self._over[index] = before[index]
-        if len(refused) < len(replies):
-            self._begin({index: courses[index] for index in chosen if index not in refused}, courses, replies)
+        episodes = list(self._episodes)
+        for index in chosen:
+            reply = replies[index]
+            if isinstance(reply, Transition):
+                episodes[index] = planned[index].after(reply, began=True)
+            elif index not in refused or not self._begun:
+                episodes[index] = planned[index]._replace(observation=episodes[index].observation, over=True)
+        kept = {index: reply for index, reply in self._kept.items() if index not in chosen}
+        self._commit(_lose(episodes, replies), kept)
+        self._begun = self._begun or len(refused) < len(replies)
         for failure in refused.values():
             raise failure.exception
-        lost = self._lost(replies)
         infos = {index: reply.info for index, reply in replies.items() if isinstance(reply, Transition)}
-        return list(self._observations), infos, lost
+        return [each.observation for each in self._episodes], infos, _reports(replies)
 
     def step(self, actions: Sequence[Any]) -> tuple[list[Transition], dict[int, str]]:
         """Step all environments; return their transitions, and reports of those that were lost.
@@ -106,29 +130,31 @@ class Stepper:
             EpisodeStateError: before `reset`, or an episode is over and autoreset is disabled.
             InvalidActionError: an environment refused its action.
         """
-        with self._crew.hold:
-            return self._step(actions)
-
-    def _step(self, actions: Sequence[Any]) -> tuple[list[Transition], dict[int, str]]:
         self._require_open()
-        courses = self._courses
-        if courses is None:
+        if not self._begun:
             raise EpisodeStateError("there are no episodes yet: call reset first")
-        self._require_running()
         self._drain()
-        missing = [index for index in range(self.count) if index not in self._kept]
-        self._crew.give([self._order(courses[index], actions[index]) for index in missing])
-        for index, _, reply in self._crew.replies():
-            self._keep(index, reply)
-        self._crew.hold.wait()  # Ctrl-C that came by now, while all is kept
+        self._require_running()
+        missing = [each for each in self._episodes if each.env not in self._kept]
+        self._keep(self._pool.run([self._order(each, actions[each.env]) for each in missing]))
         refused = {index: reply for index, reply in self._kept.items() if isinstance(reply, Failure) and reply.refused}
         if refused:
-            for index in refused:
-                del self._kept[index]
+            self._kept = {index: reply for index, reply in self._kept.items() if index not in refused}
             raise InvalidActionError(_refusal(refused, self.count))
-        replies, self._kept = self._kept, {}
-        lost = self._lost(replies)
-        return [self._transition(index, replies[index]) for index in range(self.count)], lost
+        replies, lost = self._kept, {}
+        episodes, transitions = list(self._episodes), []
+        for each in self._episodes:
+            reply = replies[each.env]
+            if isinstance(reply, Failure):
+                transitions.append(self._truncated(each, reply.report))
+                continue
+            began = each.over or (reply.final is not None and reply.lost is None)
+            episodes[each.env] = each.after(reply, began=began)
+            transitions.append(reply)
+            if reply.lost is not None:
+                lost[each.env] = reply.lost
+        self._commit(_lose(episodes, replies), lost)
+        return transitions, _reports(replies)
 
     def call(self, call: str, arguments: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
         """Call "get" or "set" of every environment with its arguments; return the values.
@@ -137,29 +163,21 @@ class Stepper:
             Exception: what an environment raised.
             LostEnvironmentsError: a worker died.
         """
-        with self._crew.hold:
-            return self._call(call, arguments)
-
-    def _call(self, call: str, arguments: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
         self._require_open()
         self._drain()
-        self._crew.give([Order(index, call, each) for index, each in enumerate(arguments)])
-        values: dict[int, Any] = {}
-        dead: dict[int, Reply] = {}
-        failures: list[Failure] = []
-        for index, name, reply in self._crew.replies():
-            if name == DIED:
-                dead[index] = reply
-                self._keep(index, reply)
-            elif isinstance(reply, Failure):
-                failures.append(reply)
-            else:
-                values[index] = reply.value if isinstance(reply, Value) else None
-        if dead:
-            raise LostEnvironmentsError(self._lost(dead))
-        for failure in failures:
-            raise failure.exception
-        return tuple(values[index] for index in range(self.count))
+        round_ = self._pool.run([Order(index, call, each) for index, each in enumerate(arguments)])
+        self._keep(round_)
+        if round_.dead:
+            dead = {index: round_.replies[index] for index in round_.dead}
+            self._episodes = _lose(list(self._episodes), dead)
+            raise LostEnvironmentsError(_reports(dead))
+        values = []
+        for index in range(self.count):
+            reply = round_.replies[index]
+            if isinstance(reply, Failure):
+                raise reply.exception
+            values.append(reply.value if isinstance(reply, Value) else None)
+        return tuple(values)
 
     def close(self) -> None:
         """Close the environments and end the workers; may be called again."""
@@ -167,61 +185,46 @@ class Stepper:
             return
         self._closed = True
         try:
-            if not self._crew.busy:
-                with self._crew.hold:
-                    self._crew.give([Order(index, "close", ()) for index in range(self.count)], replace=False)
-                    for _ in self._crew.replies():
-                        continue
+            if not self._pool.busy:
+                self._pool.run([Order(index, "close", ()) for index in range(self.count)], replace=False)
         finally:
-            self._crew.end()
+            self._pool.end()
 
-    def _begin(self, begun: Mapping[int, Course], planned: list[Course], replies: Mapping[int, Reply]) -> None:
-        """Note the replies of environments that were reset, and the courses that they have begun."""
-        self._courses = self._courses or planned
-        for index, course in begun.items():
-            reply = replies[index]
-            self._courses[index] = course
-            if isinstance(reply, Transition):
-                self._note(index, course.advanced, reply)
+    def _commit(self, episodes: list[Episodes], kept: dict[int, Transition | Failure]) -> None:
+        """Note the outcome of a call, in one line that Ctrl-C cannot divide."""
+        self._episodes, self._kept = episodes, kept
+        self._pool.forget()
 
-    def _order(self, course: Course, action: Any) -> Order:
-        if self._over[course.env]:
-            return Order(course.env, "reset", (course.next_seed, None))
-        next_seed = course.next_seed if self.mode is AutoresetMode.SAME_STEP else None
-        return Order(course.env, "step", (action, next_seed))
-
-    def _keep(self, index: int, reply: Reply) -> None:
-        if not isinstance(reply, Value):
-            self._kept[index] = reply
+    def _order(self, episodes: Episodes, action: Any) -> Order:
+        if episodes.over:
+            return Order(episodes.env, "reset", (episodes.next_seed, None))
+        next_seed = episodes.next_seed if self.mode is AutoresetMode.SAME_STEP else None
+        return Order(episodes.env, "step", (action, next_seed))
 
     def _drain(self) -> None:
-        """Take the replies of a call that was interrupted; those of steps are kept."""
-        for index, call, reply in self._crew.replies():
-            if call in ("step", DIED):
-                self._keep(index, reply)
-            elif call == "reset":  # it is in an episode that nobody has seen the beginning of
-                self._over[index] = True
+        """Take the replies of a call that was interrupted."""
+        round_ = self._pool.finish()
+        if round_ is not None:
+            begun = [index for index, order in round_.orders.items() if order.call == "reset"]
+            # These are in episodes that nobody has seen the beginning of.
+            unseen = [each._replace(over=True) if each.env in begun else each for each in self._episodes]
+            self._episodes = unseen
+            self._keep(round_, resets=False)
 
-    def _note(self, index: int, course: Course, transition: Transition) -> None:
-        assert self._courses is not None
-        self._courses[index] = course
-        # Not copied: at each step that would take longer than sending large observations does.
-        self._observations[index], self._over[index] = transition.observation, transition.over
+    def _keep(self, round_: Round, *, resets: bool = True) -> None:
+        """Keep transitions for the next step, and deaths."""
+        calls = {index: order.call for index, order in round_.orders.items()}
+        accepted = ("step", "reset") if resets else ("step",)
+        kept = {
+            index: reply
+            for index, reply in round_.replies.items()
+            if not isinstance(reply, Value) and (index in round_.dead or calls.get(index) in accepted)
+        }
+        self._kept = self._kept | kept
+        self._pool.forget()
 
-    def _transition(self, index: int, reply: Transition | Failure) -> Transition:
-        """Note a reply, and return it as a transition."""
-        assert self._courses is not None
-        course = self._courses[index]
-        if isinstance(reply, Failure):
-            return self._truncated(index, reply.report)
-        began = self._over[index] or (reply.final is not None and reply.lost is None)
-        self._note(index, course.advanced if began else course, reply)
-        if reply.lost is not None:
-            self._kept[index] = reply.lost
-        return reply
-
-    def _truncated(self, index: int, report: str) -> Transition:
-        last, same_step = self._observations[index], self.mode is AutoresetMode.SAME_STEP
+    def _truncated(self, episodes: Episodes, report: str) -> Transition:
+        last, same_step = episodes.observation, self.mode is AutoresetMode.SAME_STEP
         if self.description.single:
             info: dict[str, Any] = {"error": report}
             return Transition(last, 0.0, False, True, info, True, (last, dict(info)) if same_step else None)
@@ -237,36 +240,26 @@ class Stepper:
             (last or {}, infos) if same_step else None,
         )
 
-    def _lost(self, replies: Mapping[int, Reply]) -> dict[int, str]:
-        """Return the reports of environments that were lost, and note that their episodes are over."""
-        lost = {
-            index: reply.report
-            for index, reply in sorted(replies.items())
-            if isinstance(reply, Failure) and not reply.refused
-        }
-        for index in lost:
-            self._over[index] = True
-        return lost
-
-    def _planned(self, seed: object) -> list[Course]:
-        if seed is None and self._courses is not None:
-            return list(self._courses)
+    def _planned(self, seed: object) -> list[Episodes]:
+        """Return the episodes that a reset with `seed` begins."""
+        if seed is None and self._begun:
+            return self._episodes
         seed = self._seed if seed is None else seed
         if isinstance(seed, (list, tuple, np.ndarray)):
             return self._planned_each(seed)
         base = fresh_seed() if seed is None else seed
         require_vector_seed(base)
-        return [Course(index, int(base)) for index in range(self.count)]  # type: ignore[call-overload]
+        return [Episodes(index, int(base)) for index in range(self.count)]  # type: ignore[call-overload]
 
-    def _planned_each(self, seeds: Sequence[Any] | NDArray[Any]) -> list[Course]:
+    def _planned_each(self, seeds: Sequence[Any] | NDArray[Any]) -> list[Episodes]:
         if len(seeds) != self.count:
             raise InvalidValueError(f"seed must have one entry for each of {self.count} environments, got {len(seeds)}")
-        courses = self._planned(None)
+        planned = list(self._planned(None))
         for index, seed in enumerate(seeds):
             if seed is not None:
                 require_vector_seed(seed)
-                courses[index] = Course(index, int(seed), exact=True)
-        return courses
+                planned[index] = Episodes(index, int(seed), exact=True)
+        return planned
 
     def _mask(self, mask: object) -> NDArray[np.bool_]:
         if mask is None:
@@ -283,7 +276,7 @@ class Stepper:
             raise EpisodeStateError("the vector is closed")
 
     def _require_running(self) -> None:
-        over = [index for index, over in enumerate(self._over) if over]
+        over = [each.env for each in self._episodes if each.over]
         if over and self.mode is AutoresetMode.DISABLED:
             raise EpisodeStateError(
                 f"the episodes of environments {_listed(over)} are over: reset them with "
@@ -309,6 +302,21 @@ def _options(options: object) -> dict[str, Any]:
     return given
 
 
+def _reports(replies: Mapping[int, Reply]) -> dict[int, str]:
+    """Return the reports of environments that were lost, by index."""
+    return {
+        index: reply.report
+        for index, reply in sorted(replies.items())
+        if isinstance(reply, Failure) and not reply.refused
+    }
+
+
+def _lose(episodes: list[Episodes], replies: Mapping[int, Reply]) -> list[Episodes]:
+    """Return the episodes, of which those of lost environments are over."""
+    lost = _reports(replies)
+    return [each._replace(over=True) if each.env in lost else each for each in episodes]
+
+
 def _refusal(refused: Mapping[int, Failure], count: int) -> str:
     what = "; ".join(f"environment {index}: {refused[index].error or refused[index].report}" for index in refused)
     if len(refused) == count:
@@ -319,5 +327,5 @@ def _refusal(refused: Mapping[int, Failure], count: int) -> str:
     )
 
 
-def _listed(indices: Any) -> str:
+def _listed(indices: Iterable[int]) -> str:
     return ", ".join(map(str, indices))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from typing import Any
 
 import gymnasium
@@ -25,8 +26,6 @@ def obey(action: float) -> None:
     if action == KILLED:
         os.kill(os.getpid(), signal.SIGKILL)
     if action == SLOW:
-        import time
-
         time.sleep(60)
 
 
@@ -39,7 +38,7 @@ class CountingEnv(gymnasium.Env[Any, Any]):
         self.observation_space = spaces.Box(-np.inf, np.inf, (size,))
         self.action_space = spaces.Box(-9.0, 9.0, (1,))
         self.render_mode = "rgb_array"
-        self.length, self.episode, self.steps = length, -1, 0
+        self.length, self.episode, self.steps, self.pause_s = length, -1, 0, 0.0
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         if "wrong" in (options or {}):
@@ -50,6 +49,7 @@ class CountingEnv(gymnasium.Env[Any, Any]):
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         obey(float(action[0]))
+        time.sleep(self.pause_s)
         self.steps += 1
         over = self.steps >= self.length + self.episode % 2
         return self._observed(), float(action[0]), over and self.episode % 2 == 0, over, {"pid": os.getpid()}

@@ -1,4 +1,4 @@
-"""The environments of one worker."""
+"""Environments of one worker: the orders that they obey, and the replies."""
 
 from __future__ import annotations
 
@@ -20,13 +20,7 @@ REFUSALS = {
 
 
 class Order(NamedTuple):
-    """A call of one environment.
-
-    Attributes:
-        env: index of the environment, in the vector.
-        call: "step", "reset", "get", "set" or "close".
-        arguments: of the call.
-    """
+    """A call of the environment with index `env`: "step", "reset", "get", "set" or "close"."""
 
     env: int
     call: str
@@ -39,11 +33,8 @@ class Transition(NamedTuple):
     In an environment of many agents, each of the first five is a dict by agent.
 
     Attributes:
-        observation: after the step; with a reset in the same step, the new episode's.
-        reward: 0 in a reset.
-        terminated: False in a reset.
-        truncated: False in a reset.
-        info: the environment's.
+        observation: observation after the step; with a reset in the same step, the new episode's.
+        reward: 0 in a reset, as `terminated` and `truncated` are False.
         over: the episode is over, and no other has begun.
         final: last observation and info of an episode that ended in this step, where the next began in it too.
         lost: the next should have begun in it, but its reset failed: to be reported by the next call.
@@ -69,8 +60,8 @@ class Failure(NamedTuple):
     """A call that ended in an error, or whose worker died.
 
     Attributes:
-        report: the traceback, or how the worker died.
-        error: what was raised, if other processes can have it.
+        report: the traceback, or the cause of the worker's death.
+        error: the exception, if other processes can have it.
         refused: the environment is as it was before.
     """
 
@@ -80,7 +71,7 @@ class Failure(NamedTuple):
 
     @property
     def exception(self) -> Exception:
-        """What to raise: the error itself, with the traceback as a note."""
+        """The error to raise, with the traceback as a note."""
         error = self.error or RuntimeError(self.report.rstrip().rpartition("\n")[2])
         error.add_note(f"Where it was raised:\n{self.report}")
         return error
@@ -91,14 +82,12 @@ Reply = Transition | Value | Failure
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """What is known of the environments before their first episode; all of a vector are alike.
+    """Spaces and metadata, which all environments of a vector have in common.
 
     Attributes:
         single: they are gymnasium's, of one agent; otherwise PettingZoo's, of many.
         observation: space, or spaces by agent.
         action: space, or spaces by agent.
-        metadata: of the environment.
-        render_mode: of the environment.
     """
 
     single: bool
@@ -112,8 +101,8 @@ class EnvironmentGroup:
     """Environments that are called in one process, one after another.
 
     Args:
-        recipe: a packed `Recipe`; each environment is made of a copy of its own, so that nothing is shared.
-        indices: of the environments, in the vector.
+        recipe: packed `Recipe`; each environment is made of a copy of its own, so that nothing is shared.
+        indices: places of the environments in the vector.
     """
 
     def __init__(self, recipe: bytes, indices: Sequence[int]) -> None:

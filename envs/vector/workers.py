@@ -1,0 +1,326 @@
+"""Pools of workers: environments in processes of their own, or in the calling one."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import queue
+import sys
+import threading
+import traceback
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Sequence
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from typing import Any
+
+from coopsim.envs.vector.environments import Description, EnvironmentGroup, Failure, Order, Reply, failure
+from coopsim.envs.vector.shared_blocks import SharedBlocks
+from coopsim.errors import LostEnvironmentsError
+from coopsim.support.processes import cause_of_end, start_python
+from coopsim.support.threads import limit_threads
+
+_PROGRAM = "from coopsim.envs.vector.workers import serve; serve()"
+
+
+class Round:
+    """Orders given together, at most one for each environment, and their replies so far.
+
+    Attributes:
+        orders: calls, by environment.
+        replies: replies, by environment. When a worker dies, all of its environments have a `Failure`, with or without
+            an order, and also those that have replied: they are lost all the same.
+        dead: environments whose worker died.
+        done: set when all replies are there.
+    """
+
+    def __init__(self, orders: Sequence[Order]) -> None:
+        self.orders = {order.env: order for order in orders}
+        self.replies: dict[int, Reply] = {}
+        self.dead: set[int] = set()
+        self.done = threading.Event()
+
+
+class Pool(ABC):
+    """Environments that obey orders, one round after another.
+
+    A round that Ctrl-C interrupts goes on, or is taken up: `finish` returns it until the caller says `forget`.
+
+    Attributes:
+        description: what the environments have in common.
+        busy: a round was interrupted.
+    """
+
+    description: Description
+    _round: Round | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Tell whether a round was interrupted."""
+        return self._round is not None
+
+    def run(self, orders: Sequence[Order], *, replace: bool = True) -> Round:
+        """Run a round and return it; the one before must have been forgotten.
+
+        Args:
+            orders: calls of environments.
+            replace: start a new worker for one that died; otherwise its orders are dropped.
+        """
+        self._round = self._prepared(orders, replace)
+        self._carry_out(self._round)
+        return self._round
+
+    def finish(self) -> Round | None:
+        """Wait for the round that was interrupted, and return it; None if there is none."""
+        if self._round is not None:
+            self._carry_out(self._round)
+        return self._round
+
+    def forget(self) -> None:
+        """Note that the caller has taken the replies of the round."""
+        self._round = None
+
+    @abstractmethod
+    def end(self) -> None:
+        """End all workers, whatever they do; may be called again."""
+
+    def _prepared(self, orders: Sequence[Order], replace: bool) -> Round:
+        return Round(orders)
+
+    @abstractmethod
+    def _carry_out(self, round_: Round) -> None:
+        """Have all orders obeyed; called again after an interrupt."""
+
+
+class CallingProcess(Pool):
+    """Environments in the calling process. One that Ctrl-C interrupts is lost, as nobody knows how far it came."""
+
+    def __init__(self, recipe: bytes, count: int) -> None:
+        self._group = EnvironmentGroup(recipe, range(count))
+        self.description = self._group.describe()
+
+    def end(self) -> None:
+        """Leave the environments to the garbage collector."""
+
+    def _carry_out(self, round_: Round) -> None:
+        for index, order in round_.orders.items():
+            if index not in round_.replies:
+                round_.replies[index] = Failure(f"Ctrl-C interrupted its {order.call}\n")  # if nothing else comes
+                round_.replies[index] = self._group.do(order)
+
+
+class _Shares(Round):
+    """A round with the pickled orders of each worker, and whether dead workers are replaced."""
+
+    shares: dict[int, tuple[bytes, list[int]]]
+    replace: bool
+
+
+class WorkerPool(Pool):
+    """Processes that share the environments, in blocks.
+
+    A thread talks to them, as signal handlers run in the main thread alone: so Ctrl-C interrupts a wait, and never a
+    message.
+
+    Args:
+        recipe: packed `Recipe`.
+        count: number of environments.
+        workers: number of processes, at most `count`.
+
+    Raises:
+        LostEnvironmentsError: a worker died while it made its environments.
+        Exception: what making an environment raised.
+    """
+
+    def __init__(self, recipe: bytes, count: int, workers: int) -> None:
+        self._recipe, self._owner = recipe, os.getpid()
+        self._blocks = [range(k * count // workers, (k + 1) * count // workers) for k in range(workers)]
+        self._worker_of = {index: k for k, block in enumerate(self._blocks) for index in block}
+        self._workers: list[Worker | None] = []
+        self._rounds: queue.SimpleQueue[_Shares | None] = queue.SimpleQueue()
+        threading.Thread(target=self._talk, daemon=True).start()
+        try:
+            for block in self._blocks:
+                self._workers.append(Worker(recipe, block))
+            self.description, *_ = [worker.describe() for worker in self._workers if worker is not None]
+        except BaseException:
+            self.end()
+            raise
+
+    def end(self) -> None:
+        if os.getpid() == self._owner:  # else this is a fork of the process whose workers they are
+            for worker in self._workers:
+                if worker is not None:
+                    worker.kill()
+            self._rounds.put(None)
+
+    def _prepared(self, orders: Sequence[Order], replace: bool) -> Round:
+        round_ = _Shares(orders)
+        round_.replace, round_.shares = replace, {}
+        for k in sorted({self._worker_of[order.env] for order in orders}):
+            share = [order for order in orders if self._worker_of[order.env] == k]
+            round_.shares[k] = pickle.dumps(share, protocol=5), [order.env for order in share]
+        return round_
+
+    def _carry_out(self, round_: Round) -> None:
+        assert isinstance(round_, _Shares)
+        self._rounds.put(round_)  # a second time after an interrupt, which the thread passes over
+        round_.done.wait()
+
+    def _talk(self) -> None:
+        while (round_ := self._rounds.get()) is not None:
+            if not round_.done.is_set():
+                try:
+                    self._converse(round_)
+                finally:
+                    round_.done.set()
+        for worker in self._workers:
+            if worker is not None:
+                worker.close()
+
+    def _converse(self, round_: _Shares) -> None:
+        """Give each worker its share, then take a reply of each in turns."""
+        waiting: dict[int, deque[int]] = {}
+        for k, (share, indices) in round_.shares.items():
+            worker = self._workers[k] or (self._replaced(k, round_) if round_.replace else None)
+            if worker is not None:
+                worker.send(share)
+                waiting[k] = deque(indices)
+        while waiting:
+            for k, indices in list(waiting.items()):
+                worker = self._workers[k]
+                assert worker is not None
+                try:
+                    round_.replies[indices[0]] = worker.receive()
+                except WorkerDiedError as death:
+                    call = round_.orders[indices[0]].call
+                    self._bury(k, f"the worker died ({death}) in a {call}\n", round_)
+                    indices.clear()
+                except Exception as error:  # a content that cannot be unpickled here
+                    self._bury(k, "".join(traceback.format_exception(error)), round_)
+                    indices.clear()
+                else:
+                    indices.popleft()
+                if not indices:
+                    del waiting[k]
+
+    def _replaced(self, k: int, round_: Round) -> Worker | None:
+        """Return a new worker for one that died; None if its environments cannot be made again."""
+        self._workers[k] = worker = Worker(self._recipe, self._blocks[k])
+        try:
+            worker.describe()
+        except Exception as error:  # of a user's environment
+            self._bury(k, "".join(traceback.format_exception(error)), round_)
+            return None
+        return worker
+
+    def _bury(self, k: int, report: str, round_: Round) -> None:
+        worker, self._workers[k] = self._workers[k], None
+        if worker is not None:
+            worker.kill()
+            worker.close()
+        round_.dead.update(self._blocks[k])
+        round_.replies.update((index, Failure(report)) for index in self._blocks[k])
+
+
+class WorkerDiedError(Exception):
+    """A worker is gone, and its environments with it; the message says how it ended."""
+
+
+class Worker:
+    """A process with a block of environments, which ends when this one does, in any way (see `serve`)."""
+
+    def __init__(self, recipe: bytes, indices: Sequence[int]) -> None:
+        self._indices = indices
+        self._replies = SharedBlocks.new()
+        self._connection, theirs = Pipe()
+        ends = theirs.fileno(), self._replies.file
+        self._process = start_python(_PROGRAM, *map(str, ends), pass_fds=ends)
+        theirs.close()
+        self.send(pickle.dumps((recipe, tuple(indices)), protocol=5))
+
+    def describe(self) -> Description:
+        """Wait until the environments are made, and describe them; to be called first.
+
+        Raises:
+            LostEnvironmentsError: the worker died.
+            Exception: what making them raised.
+        """
+        try:
+            made: Description | Failure = self.receive()
+        except WorkerDiedError as death:
+            report = f"the worker died ({death}) while it made its environments\n"
+            raise LostEnvironmentsError(dict.fromkeys(self._indices, report)) from None
+        if isinstance(made, Failure):
+            raise made.exception
+        return made
+
+    def send(self, pickled: bytes) -> None:
+        """Send a content; a worker that is gone says so in `receive`."""
+        with contextlib.suppress(OSError):
+            self._connection.send((pickled, self._replies.released()))
+
+    def receive(self) -> Any:
+        """Wait for the next content, and return it; its large arrays are views of shared memory.
+
+        Raises:
+            WorkerDiedError: it is gone.
+        """
+        try:
+            blocks = self._connection.recv()
+        except (EOFError, OSError):
+            raise WorkerDiedError(cause_of_end(self._process.wait())) from None
+        return self._replies.read(blocks)
+
+    def kill(self) -> None:
+        """End the process at once."""
+        self._process.kill()
+        self._process.wait()
+
+    def close(self) -> None:
+        """Let go of pipes and memory."""
+        self._connection.close()
+        self._replies.close()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                pipe.close()
+
+
+def serve() -> None:
+    """Be a worker: make environments, then read orders and write replies until the parent process is gone.
+
+    The arguments are file descriptors: the connection, and the memory of replies.
+    """
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    os.dup2(2, 1)  # nobody reads what environments print to a pipe
+    limit_threads(1)
+    connection, memory = sys.argv[1:]
+    try:
+        _obey(Connection(int(connection)), SharedBlocks(int(memory)))
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        os._exit(0)
+
+
+def _obey(connection: Connection, replies: SharedBlocks) -> None:
+    def receive() -> Any:
+        pickled, released = connection.recv()
+        replies.reuse(released)
+        return pickle.loads(pickled)
+
+    try:
+        group = EnvironmentGroup(*receive())
+        made: Description | Failure = group.describe()
+    except BaseException as error:  # of a user's environment or option, as SystemExit
+        made = failure(error)
+    connection.send(replies.write(made))
+    while not isinstance(made, Failure):
+        for order in receive():
+            connection.send(replies.write(group.do(order)))
+
+
+def _end_with_parent() -> None:
+    """Wait for the end of the standard input, which the parent holds and never writes to; then exit at once."""
+    os.read(0, 1)
+    os._exit(0)
