@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from coopsim.catalog import make_policy as make_policy
     from coopsim.catalog import parallel_env as parallel_env
     from coopsim.catalog import single_env as single_env
-    from coopsim.data.export.export_checks import check_export as check_export
+    from coopsim.data.export.export_run import check_export as check_export
     from coopsim.data.export.export_run import export as export
     from coopsim.envs.simulated.record_episode import record as record
     from coopsim.envs.vector.make import vector as vector
@@ -59,7 +59,7 @@ _HOMES = {
     "Policy": "coopsim.agents.policy",
     "benchmark": "coopsim.bench.benchmark",
     "Evaluation": "coopsim.bench.evaluate",
-    "check_export": "coopsim.data.export.export_checks",
+    "check_export": "coopsim.data.export.export_run",
     "evaluate": "coopsim.bench.evaluate",
     "evaluate_recordings": "coopsim.bench.evaluate",
     "ENVIRONMENTS": "coopsim.catalog",

@@ -33,8 +33,8 @@ from coopsim.support.registry import Registry
 if TYPE_CHECKING:
     from coopsim.agents.policy import Policy
     from coopsim.envs.parallel import CooperativeEnv
-    from coopsim.envs.single.cast import Others, PolicyLike
-    from coopsim.envs.single.single_agent_env import SingleAgentEnv
+    from coopsim.envs.roles import Others, PolicyLike
+    from coopsim.envs.single_agent_env import SingleAgentEnv
     from coopsim.world.scenario import Place
 
 
@@ -122,9 +122,9 @@ def single_env(
         **options: options of `parallel_env`.
 
     Raises:
-        CoopsimError: an error of `parallel_env`, or of `coopsim.envs.single.single_agent_env.SingleAgentEnv`.
+        CoopsimError: an error of `parallel_env`, or of `coopsim.envs.single_agent_env.SingleAgentEnv`.
     """
-    home = importlib.import_module(f"{ENVIRONMENTS_HOME}.single.single_agent_env")
+    home = importlib.import_module(f"{ENVIRONMENTS_HOME}.single_agent_env")
     env: SingleAgentEnv = home.SingleAgentEnv(name, ego=ego, others=others, tracker=tracker, **options)
     return env
 
@@ -352,7 +352,7 @@ def register_with_gymnasium(versioned: str) -> None:
     """Let `gymnasium.make` know an environment, unless it does already."""
     name = f"{NAMESPACE}/{versioned}"
     if name not in registry:
-        register(name, f"{ENVIRONMENTS_HOME}.single.single_agent_env:SingleAgentEnv", kwargs={"environment": name})
+        register(name, f"{ENVIRONMENTS_HOME}.single_agent_env:SingleAgentEnv", kwargs={"environment": name})
 
 
 def register_environments() -> None:

@@ -14,11 +14,10 @@ from coopsim.data.recordings.find_format import AUTO, FORMATS, TEXT, find_format
 from coopsim.envs.frames import FrameSource
 from coopsim.envs.options import CommonOptions, require_truth_exposed, sort_options
 from coopsim.envs.parallel import CooperativeEnv
-from coopsim.envs.recorded.recorded_options import RecordedOptions
-from coopsim.envs.recorded.sensor_replay import SensorReplay
 from coopsim.envs.replay import Replay, TextOptions
 from coopsim.envs.scoring import MotaReward, Reward
-from coopsim.envs.simulated.playback import as_recorded
+from coopsim.envs.sensor_replay import RecordedOptions, SensorReplay
+from coopsim.envs.simulated.record_episode import as_recorded
 from coopsim.envs.simulated.scenario_file import load_scenario_file
 from coopsim.envs.simulated.simulation import Simulation
 from coopsim.envs.simulated.simulation_options import SimulationOptions
@@ -94,8 +93,8 @@ def file_env(name: str, /, *, path: str | Path | None = None, **options: Any) ->
 
     Args:
         name: the environment's id.
-        path: of the file, or the name of one that ships with coopsim; there is no default.
-        **options: as of `simulation_env`; they override the file's.
+        path: scenario file, or the name of one that ships with coopsim; there is no default.
+        **options: options of `simulation_env`; they override the file's.
 
     Raises:
         ScenarioFileError: the file is not accepted; the message names file and line.
@@ -126,7 +125,7 @@ def replay_env(
     Args:
         name: the environment's id.
         path: the folder; there is no default.
-        format: of the folder: "text", "opv2v" (V2XSet, too), "v2v4real", "spd" or "kitti"; "auto" finds it.
+        format: format of the folder: "text", "opv2v" (V2XSet, too), "v2v4real", "spd" or "kitti"; "auto" finds it.
         reward: turns a frame's counts into a reward; None is `MotaReward`.
         **options: fields of `CommonOptions` and of `TextOptions` (see `Replay`) or `RecordedOptions`, by the format.
     """

@@ -23,17 +23,7 @@ from coopsim.types import AgentSpec, Message, Observation
 
 
 class Exchange:
-    """One episode's messages.
-
-    Attributes:
-        channel: the channel that carries them.
-
-    Args:
-        options: uplink, codec, budget and channel.
-        specs: the agents.
-        buildings: outlines (K, 2) m of what stands between antennas.
-        seed: the episode's.
-    """
+    """Messages of an episode; `buildings` are outlines (K, 2) m between antennas."""
 
     def __init__(
         self, options: CommonOptions, specs: Mapping[str, AgentSpec], buildings: Sequence[Floats], seed: int

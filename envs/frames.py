@@ -1,25 +1,27 @@
-"""Sources of frames: the simulation, or a recording, with one interface to the environment."""
+"""Frames: the interface of their sources (a simulation or a recording), and their truth as infos."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
 from coopsim.sensors.visibility.lidar_visibility import Visibility
 from coopsim.sensors.visibility.pixel_visibility import PixelVisibility
-from coopsim.types import AgentSpec, CameraImage, GroundTruth, Ints, Observation
-from coopsim.wire.observation_format import ObservationFormat
+from coopsim.types import AgentSpec, CameraImage, GroundTruth, Ints, Observation, stack_xyz_yaw
+from coopsim.types.sensing import TRUTH_MODES
+from coopsim.wire.observation_format import ObservationFormat, pack_image
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AgentFrame:
-    """One agent in one frame: its perception, and the truth around it.
+    """Agent in a frame: its perception, and the truth around it.
 
     Attributes:
         observation: before communication (its inbox is empty).
@@ -58,7 +60,7 @@ class Frame:
 
     Attributes:
         time_ns: since the episode's start.
-        agents: by name, in the environment's order.
+        agents: frames of the agents, by name, in the environment's order.
         actors: everything that is there, in the world frame (for pictures and `state()`).
         last: there is no frame after this one.
         probe: measurements that are made when asked for.
@@ -76,8 +78,8 @@ class FrameSource(ABC):
 
     Attributes:
         name: the environment's id.
-        specs: of all agents that ever appear, in order, with the running episode's cameras and LiDARs.
-        format: of the agents' observations.
+        specs: specs of all agents that ever appear, in order, with the running episode's cameras and LiDARs.
+        format: format of the agents' observations.
         road_map: outlines of the running episode's place, for pictures.
         capacity: the largest number of actors in a frame of any episode.
         region_m: (2,) half the length and width of the evaluation region around an agent; None: unlimited.
@@ -112,7 +114,7 @@ class FrameSource(ABC):
 
     @property
     def episode_infos(self) -> Mapping[str, Any]:
-        """What `reset` says of the running episode, besides its seed, in every agent's infos."""
+        """Facts of the running episode that `reset` puts, besides its seed, in every agent's infos."""
         return {}
 
     @property
@@ -139,3 +141,69 @@ def world_points(frame: Frame) -> Floats:
         for sweep in agent.observation.sweeps.values()
     ]
     return np.concatenate(parts) if parts else np.zeros((0, 3))
+
+
+def truth_infos(frame: Frame, *, visibility: bool) -> dict[str, dict[str, Any]]:
+    """Return the truth of a frame as it stands in the agents' infos; `visibility` adds the part that takes time.
+
+    | key of `infos[agent]` | meaning |
+    |---|---|
+    | `ground_truth` | all objects but the agent itself, see below |
+    | `true_pose` | (4,): the agent's true x, y, z m and heading rad in the world frame |
+    | `actor_id` | the agent's own id among the actors; None for an agent that is no actor, as a roadside unit |
+    | `instances` | by LiDAR, (P,): id of the actor behind each point, 0 for the scenery, -1 for clutter |
+    | `segmentation` | by camera: `instance` and `semantic` (H, W), where `camera_modes` has them |
+    | `visibility` | how well the agent's LiDARs see each actor (`Visibility`), with `expose_visibility` |
+    | `pixel_visibility` | the same of its cameras, with `expose_visibility` and the mode `instance` |
+
+    | key of `ground_truth` | meaning |
+    |---|---|
+    | `id`, `label` | (N,) |
+    | `box` | (N, 7): x, y, z, l, w, h, yaw in the agent's base frame |
+    | `velocity` | (N, 2) m/s over ground, in the axes of the agent's base frame |
+    | `returns` | (N, A) number of LiDAR returns of each agent, in the order of `env.possible_agents` |
+    | `seen_by` | (N, A) whether there is any |
+    | `visible_to` | (N,): 0 the agent itself has returns, 1 only others have, 2 no agent has |
+    | `in_region` | (N,) whether the object is in the evaluation region |
+    | `counts` | (N,) whether the object counts in the score |
+
+    A recording of detections in text files has no `velocity`, `returns`, `seen_by` and `visible_to`.
+    """
+    infos = {name: _truth_info(agent) for name, agent in frame.agents.items()}
+    if visibility:
+        for name, seen in frame.probe.visibility().items():
+            infos[name]["visibility"] = _columns(seen)
+        for name, shown in frame.probe.pixel_visibility().items():
+            infos[name]["pixel_visibility"] = _columns(shown)
+    return infos
+
+
+def _truth_info(agent: AgentFrame) -> dict[str, Any]:
+    return {
+        "ground_truth": _object_columns(agent.truth),
+        "true_pose": stack_xyz_yaw(agent.body.world_SE3_base),
+        "actor_id": agent.body.actor_id,
+        "instances": dict(agent.instances),
+        "segmentation": {name: pack_image(image, TRUTH_MODES) for name, image in agent.segmentation.items()},
+    }
+
+
+def _object_columns(truth: GroundTruth) -> dict[str, NDArray[Any]]:
+    # Copies, because the originals are what the agent is scored against.
+    everywhere = np.ones(len(truth), np.bool_)
+    columns: dict[str, NDArray[Any] | None] = {
+        "id": truth.id,
+        "box": truth.boxes.array,
+        "label": truth.label,
+        "velocity": truth.velocity,
+        "returns": truth.returns,
+        "seen_by": None if truth.returns is None else truth.returns > 0,
+        "visible_to": truth.visible_to,
+        "in_region": everywhere if truth.in_region is None else truth.in_region,
+        "counts": everywhere if truth.counts is None else truth.counts,
+    }
+    return {name: column.copy() for name, column in columns.items() if column is not None}
+
+
+def _columns(seen: Visibility | PixelVisibility) -> dict[str, NDArray[Any]]:
+    return {field.name: getattr(seen, field.name) for field in fields(seen)}

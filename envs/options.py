@@ -1,4 +1,4 @@
-"""Options of every environment, as a frozen dataclass, and the sorting of keywords into such dataclasses."""
+"""Options that environments share, as frozen dataclasses, and the sorting of keywords into them."""
 
 from __future__ import annotations
 
@@ -12,13 +12,21 @@ from coopsim.comms.channel.latency import MOST_S, GaussianLatency
 from coopsim.comms.channel.loss import BernoulliLoss
 from coopsim.comms.uplinks.selection import SELECTIONS
 from coopsim.comms.uplinks.uplink import MakeUplink
+from coopsim.detection.detector import Detector, DetectorBase
+from coopsim.detection.embedder import Embedder, make_embedder
+from coopsim.detection.oracle import OracleDetector
+from coopsim.detection.presets import make_detector
 from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.localization.localizer import LocalizationConfig, localization_config
+from coopsim.localization.pose_noise import PoseNoise
 from coopsim.support.checks import (
     require_between,
     require_choice,
     require_count,
     require_flag,
+    require_instance,
     require_number,
+    require_positive,
     require_probability,
     require_threshold,
 )
@@ -27,6 +35,7 @@ from coopsim.types.sensing import TRUTH_MODES
 
 if TYPE_CHECKING:
     from coopsim.agents.policy import Policy
+
 
 _CHANNEL_OPTIONS = ("latency_s", "latency_jitter_s", "loss", "communication_range_m")
 
@@ -49,7 +58,7 @@ class CommonOptions:
             a YAML file with that.
         budget_bytes: largest size of a message, envelope included; None: no limit. The uplink's codec must be able to
             leave out the least useful part.
-        selection: which detections are sent first where not all fit: "need", "score" or "random", see
+        selection: order in which detections are sent where not all fit: "need", "score" or "random", see
             `coopsim.comms.uplinks.selection`.
         match_iou: 3D IoU from which a track is on an object, in (0, 1].
         false_positives: "count", or "ignore" for comparison with tables that ignored them.
@@ -57,7 +66,7 @@ class CommonOptions:
         expose_visibility: put there also how well each agent's LiDARs and cameras see every actor, which takes about
             twice the time of the rest of a step; needs `expose_ground_truth`.
         render_mode: None, "rgb_array" or "human".
-        seed: of every episode for which `reset` is given no seed; None: a different one each time.
+        seed: seed of every episode for which `reset` is given no seed; None: a different one each time.
     """
 
     uplink: str | Policy | MakeUplink = "detections"
@@ -142,3 +151,106 @@ def sort_options(
         if name not in known:
             raise UnknownNameError("option", name, known.union(also_accepted))
     return [{name: options[name] for name in group if name in options} for group in names]
+
+
+_LOCALIZATION_OPTIONS = ("position_noise_m", "heading_noise_rad", "odometry_noise_m", "odometry_heading_noise_rad")
+
+
+@dataclass(frozen=True, slots=True)
+class PerceptionOptions:
+    """Options of localization, detection and of what counts. A subclass calls `check_perception` when it is made.
+
+    Attributes:
+        detector: a `Detector` or `OracleDetector`, or the name of one; None is the subclass's own.
+        embedder: an `Embedder`, or the name of one; None: the detector's own embeddings stay.
+        position_noise_m: standard deviation of the error of estimated positions, x and y.
+        heading_noise_rad: standard deviation of the error of headings.
+        odometry_noise_m: standard deviation of the error of the motion in a frame, x and y.
+        odometry_heading_noise_rad: standard deviation of the error of the turn in a frame.
+        localization: overrides the four options above: a config, its mapping or file, or one by agent.
+        ground_truth: the objects that count: "all", or the "visible" ones.
+        region_x_m: objects within this distance ahead of and behind the agent count.
+        region_y_m: objects within this distance to its left and right count.
+    """
+
+    detector: DetectorBase | str | None = None
+    embedder: Embedder | str | None = None
+    position_noise_m: float = 0.0
+    heading_noise_rad: float = 0.0
+    odometry_noise_m: float = 0.0
+    odometry_heading_noise_rad: float = 0.0
+    localization: LocalizationConfig | Mapping[str, Any] | str | Path | None = None
+    ground_truth: Literal["visible", "all"] = "all"
+    region_x_m: float = 100.0
+    region_y_m: float = 40.0
+
+    @property
+    def region_m(self) -> tuple[float, float]:
+        """Half the length and width of the evaluation region."""
+        return self.region_x_m, self.region_y_m
+
+    @property
+    def chosen_detector(self) -> DetectorBase:
+        """The detector as an object."""
+        assert isinstance(self.detector, DetectorBase)
+        return self.detector
+
+    @property
+    def chosen_embedder(self) -> Embedder | None:
+        """The embedder as an object; None: the detector's own embeddings stay."""
+        return self.embedder if isinstance(self.embedder, Embedder) else None
+
+    @property
+    def embedding_dim(self) -> int:
+        """Length of the embeddings of detections; 0: they have none."""
+        return self.chosen_detector.embedding_dim if self.chosen_embedder is None else self.chosen_embedder.dim
+
+    def localization_of(self, agent: str) -> LocalizationConfig:
+        """Return an agent's localization: of recordings, the errors that are added to the recorded poses."""
+        if isinstance(self.localization, LocalizationConfig):
+            return self.localization
+        if isinstance(self.localization, Mapping) and agent in self.localization:
+            config: LocalizationConfig = self.localization[agent]
+            return config
+        return LocalizationConfig(
+            PoseNoise(self.position_noise_m, self.heading_noise_rad),
+            self.odometry_noise_m,
+            self.odometry_heading_noise_rad,
+        )
+
+    def check_scored(self) -> None:
+        """Check which objects count.
+
+        Raises:
+            InvalidValueError: a value is not accepted.
+        """
+        require_choice("ground_truth", self.ground_truth, ("visible", "all"))
+        require_positive(region_x_m=self.region_x_m, region_y_m=self.region_y_m)
+
+    def check_perception(self, default: str, *, lidar: bool, cameras: bool) -> None:
+        """Check localization, detector and embedder, and make the objects that are named.
+
+        Args:
+            default: name of the detector where none is given.
+            lidar: agents have LiDARs.
+            cameras: agents have cameras.
+
+        Raises:
+            InvalidValueError, UnknownNameError: a value is not accepted.
+        """
+        if self.localization is not None:
+            object.__setattr__(self, "localization", localization_config(self.localization))
+            if isinstance(self.localization, LocalizationConfig):
+                refuse_overridden(self, _LOCALIZATION_OPTIONS, "localization")
+        self.localization_of("")  # its own checks run now, not at the first episode
+        detector = default if self.detector is None else self.detector
+        if isinstance(detector, str):
+            object.__setattr__(self, "detector", make_detector(detector))
+        if isinstance(self.embedder, str):
+            object.__setattr__(self, "embedder", make_embedder(self.embedder))
+        if not isinstance(self.detector, OracleDetector):
+            require_instance(Detector, detector=self.detector)
+        require_instance(Embedder, embedder=self.embedder)
+        self.chosen_detector.needs.require("detector", self.detector, lidar=lidar, cameras=cameras)
+        if self.chosen_embedder is not None:
+            self.chosen_embedder.needs.require("embedder", self.embedder, lidar=lidar, cameras=cameras)

@@ -23,11 +23,9 @@ from pettingzoo import ParallelEnv
 
 from coopsim.comms.channel.channel import ChannelCounts
 from coopsim.envs.exchange import Exchange, make_uplinks
-from coopsim.envs.frames import Frame, FrameProbe, FrameSource, actor_rows
+from coopsim.envs.frames import Frame, FrameProbe, FrameSource, actor_rows, truth_infos
 from coopsim.envs.options import CommonOptions
-from coopsim.envs.scored_view import ScoredView
-from coopsim.envs.scoring import MotaReward, Reward, Scorer
-from coopsim.envs.truth_infos import truth_infos
+from coopsim.envs.scoring import MotaReward, Reward, ScoredView, Scorer
 from coopsim.errors import EpisodeStateError, InvalidValueError, RecordingError, UnknownNameError
 from coopsim.metrics.score import Score, summarize
 from coopsim.metrics.track_log import TrackLog
@@ -102,7 +100,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     @property
     def agent_specs(self) -> Mapping[str, AgentSpec]:
-        """What a policy may know before an episode's first frame, for every possible agent.
+        """Facts that a policy may know before an episode's first frame, for every possible agent.
 
         Sensors are mounted on cars, which differ in height from episode to episode: ask after `reset`.
         """
@@ -284,7 +282,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     @property
     def episode_infos(self) -> Mapping[str, Any]:
-        """What all agents' infos say of the running episode besides its seed: a drawn place's `place_seed`."""
+        """Facts of the running episode in all agents' infos, besides its seed: a drawn place's `place_seed`."""
         self._current()
         return self._source.episode_infos
 

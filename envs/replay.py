@@ -43,7 +43,7 @@ class TextOptions:
     Attributes:
         detections: names under `detections/`; each is one agent. There is no default.
         dt_s: time between two frames.
-        odometry: how the recording car's motion is known: "poses" of the set, "estimated" from the detections, "auto"
+        odometry: source of the recording car's motion: "poses" of the set, "estimated" from the detections, "auto"
             (poses where there are any), or "none": as if it stood still.
         axes: convention of the files' axes: "kitti", or "v2v4real" for headings that models of driving can use.
     """

@@ -1,4 +1,4 @@
-"""Scores of reported tracks, by one evaluator per agent, and rewards."""
+"""Scores of reported tracks, rewards, and the picture of the frame that was scored last."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
-from coopsim.envs.frames import AgentFrame
+from coopsim.envs.frames import AgentFrame, Frame, world_points
 from coopsim.metrics.evaluator import Evaluator, FrameCounts
 from coopsim.types import Mask, Tracks
+from coopsim.viz.bev import BevFrame, BevRenderer
+from coopsim.world.snapshot import RoadMap
 
 
 class Reward(ABC):
@@ -33,16 +36,7 @@ class MotaReward(Reward):
 
 
 class Scorer:
-    """The evaluators of one episode.
-
-    Attributes:
-        evaluators: by agent.
-
-    Args:
-        agents: their names.
-        match_iou: 3D IoU from which a track is on an object.
-        region_m: half length and width of the evaluation region; None: unlimited.
-    """
+    """Evaluators of an episode, by agent; the region is half the length and width (m) that counts, None: unlimited."""
 
     def __init__(
         self,
@@ -67,3 +61,46 @@ class Scorer:
         x, y = np.abs(tracks.boxes.center[:, :2]).T
         inside: Mask = (x <= self._region_m[0]) & (y <= self._region_m[1])
         return inside
+
+
+class ScoredView:
+    """The frame that was scored last, and the tracks that were reported for it."""
+
+    def __init__(self) -> None:
+        self._renderer: BevRenderer | None = None
+        self._road_map: RoadMap
+        self._frame: Frame
+        self._tracks: Mapping[str, Tracks]
+
+    def begin(self, road_map: RoadMap, frame: Frame) -> None:
+        """Begin an episode: take over the outlines of its place and its first frame, for which nothing is reported."""
+        self._road_map = road_map
+        self.update(frame, {})
+
+    def update(self, frame: Frame, tracks: Mapping[str, Tracks]) -> None:
+        """Take over a frame and the tracks reported for it, in each agent's base frame."""
+        self._frame, self._tracks = frame, tracks
+
+    def bev_frame(self, *, points: bool) -> BevFrame:
+        """Return the frame with its tracks, in the world frame; `points` adds those of all sweeps."""
+        bodies = {name: agent.body for name, agent in self._frame.agents.items()}
+        placed = {name: tracks.transform(bodies[name].world_SE3_base) for name, tracks in self._tracks.items()}
+        cloud = world_points(self._frame) if points else np.zeros((0, 3))
+        return BevFrame(self._frame.time_ns, self._frame.actors, bodies, cloud, placed)
+
+    def render(self, mode: str) -> NDArray[np.uint8] | None:
+        """Return a picture (H, W, 3) for the mode "rgb_array"; show it in a window for "human"."""
+        if self._renderer is None:
+            self._renderer = BevRenderer(self._road_map)
+        self._renderer.show_map(self._road_map)
+        frame = self.bev_frame(points=True)
+        if mode == "human":
+            self._renderer.show(frame)
+            return None
+        return self._renderer.draw(frame)
+
+    def close(self) -> None:
+        """Close the window."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None

@@ -88,7 +88,7 @@ def _add_check_export(parser: argparse.ArgumentParser) -> None:
 
 
 def _run_check_export(options: argparse.Namespace) -> int:
-    from coopsim.data.export.export_checks import check_export
+    from coopsim.data.export.export_run import check_export
 
     problems = list(islice(check_export(options.folder, options.format), _MOST_PROBLEMS + 1))
     for problem in problems[:_MOST_PROBLEMS]:
@@ -121,8 +121,7 @@ def _add_export_results(parser: argparse.ArgumentParser) -> None:
 def _run_export_results(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
-    from coopsim.data.export.nuscenes_tables.nuscenes_results import TRACKING, read_plan, write_results
-    from coopsim.data.export.nuscenes_tables.nuscenes_score import as_table, score_results
+    from coopsim.bench.nuscenes_results import TRACKING, as_table, read_plan, score_results, write_results
 
     given = named_options(options, _RESULT_FLAGS)
     plan, _ = read_plan(options.folder)

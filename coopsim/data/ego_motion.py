@@ -83,11 +83,7 @@ class _Prior:
 
 
 class EgoMotion:
-    """Causal estimator of one car's planar motion; give it each frame's detections in turn.
-
-    Args:
-        dt_s: time between two frames.
-    """
+    """Causal estimator of one car's planar motion; give it each frame's detections in turn."""
 
     def __init__(self, dt_s: float) -> None:
         self._dt_s = dt_s

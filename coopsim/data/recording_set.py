@@ -33,12 +33,12 @@ Part = TypeVar("Part")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """One sequence.
+    """Sequence of a recording set.
 
     Attributes:
         frames: number of frames; every frame from 0 to the last that any file mentions.
         truth: (frames) the labelled objects.
-        detections: by name, (frames) the detections.
+        detections: (frames) detections, by name.
     """
 
     frames: int
@@ -131,7 +131,7 @@ class RecordingSet:
 
         Args:
             sequence: name of the sequence.
-            recording: what `load` read of it.
+            recording: recording that `load` read.
             owner: name of the detections of the car in whose frame the recording is. Its motion is estimated from
                 all classes of its detector: where files are split by class, as `pointrcnn_Car` and
                 `pointrcnn_Cyclist`, from all of these.

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from coopsim.envs.simulated.lidar_options import lidar_carriers
-from coopsim.envs.simulated.simulation_options import SimulationOptions
+from coopsim.envs.simulated.simulation_options import SimulationOptions, lidar_carriers
 from coopsim.sensors.camera.camera_rig import CameraRig
 from coopsim.sensors.camera.renderers.choice import make_renderer
 from coopsim.sensors.camera.rigs import Rig, agent_rigs
@@ -19,18 +18,7 @@ from coopsim.world.snapshot import AgentBody, WorldSource
 
 
 class Equipment:
-    """All agents' LiDARs and cameras; one object serves all episodes.
-
-    Attributes:
-        lidars: by kind of agent and name of the sensor.
-        lidar_carriers: names of the agents that carry them.
-        cameras: each agent's cameras.
-        visibility_probes: measure what LiDARs see of each actor, by kind of agent.
-
-    Args:
-        options: say which sensors.
-        bodies: the agents that carry them.
-    """
+    """All agents' LiDARs and cameras; one object serves all episodes."""
 
     def __init__(self, options: SimulationOptions, bodies: Iterable[AgentBody]) -> None:
         self._options = options
@@ -51,12 +39,12 @@ class Equipment:
 
     @property
     def has_cameras(self) -> bool:
-        """Whether any agent has a camera."""
+        """True if any agent has a camera."""
         return any(self.cameras.values())
 
     @property
     def images_tell_actors(self) -> bool:
-        """Whether images have a mode that distinguishes actors."""
+        """True if images have a mode that distinguishes actors."""
         return "instance" in self._options.camera_modes
 
     @property

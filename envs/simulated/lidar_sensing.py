@@ -34,7 +34,7 @@ class LidarReading:
 
     Attributes:
         returns: (N,) number of returns from each of the N actors.
-        sweeps: by sensor, with instance ids; empty where no rays are cast.
+        sweeps: sweeps by sensor, with instance ids; empty where no rays are cast.
     """
 
     returns: Ints
@@ -46,28 +46,14 @@ class LidarSensing(ABC):
 
     @abstractmethod
     def sense(self, scene: Scene, actors: Actors, bodies: Mapping[str, AgentBody]) -> dict[str, LidarReading]:
-        """Return each agent's reading.
-
-        Args:
-            scene: makes the frame's triangles when first asked for.
-            actors: in the scene.
-            bodies: of the agents, by name.
-        """
+        """Return each agent's reading. The scene is made when first asked for."""
 
     def skip(self, actors: Actors, bodies: Mapping[str, AgentBody]) -> None:
         """Let a frame pass in which nothing is sensed."""
 
 
 class CastSweeps(LidarSensing):
-    """Sweeps by casting rays, for several agents in parallel.
-
-    Args:
-        lidars: the sensors.
-        agents: names of the agents that carry them.
-        seed: the episode's seed.
-        dt_s: time between two frames.
-        threads: number of threads that share the agents.
-    """
+    """Sweeps by casting rays, for several agents in parallel."""
 
     def __init__(self, lidars: Lidars, agents: Iterable[str], seed: int, dt_s: float, threads: int) -> None:
         self._lidars, self._dt_s, self._threads = lidars, dt_s, threads
@@ -150,13 +136,7 @@ class ExpectReturns(LidarSensing):
 
 
 class CastSomeSweeps(LidarSensing):
-    """Sweeps of the agents that carry LiDARs, and the returns to expect of one on each of the others.
-
-    Args:
-        cast: senses for the first.
-        carriers: their names.
-        expected: senses for the others.
-    """
+    """Sweeps of the agents that carry LiDARs, and the returns to expect of one on each of the others."""
 
     def __init__(self, cast: LidarSensing, carriers: Collection[str], expected: LidarSensing) -> None:
         self._cast, self._carriers, self._expected = cast, carriers, expected

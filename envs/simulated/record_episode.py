@@ -1,17 +1,20 @@
-"""Recording the traffic of scenarios, named ones and those from files."""
+"""Recorded traffic: scenarios are recorded, and environments play recordings."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from coopsim.catalog import is_scenario_file
 from coopsim.envs.simulated.scenario_file import load_scenario_file
-from coopsim.errors import CoopsimError
+from coopsim.errors import CoopsimError, InvalidValueError, RecordingError
+from coopsim.support.checks import require_count
 from coopsim.world.population import drop_overridden
 from coopsim.world.recording import recorded_world
+from coopsim.world.recording.episode_file import Episode
 from coopsim.world.scenario import NUMBERS, Place
-from coopsim.world.towns.scenarios import TOWN_KEYS
+from coopsim.world.towns.scenarios import TOWN, TOWN_KEYS
 
 _OF_THE_WORLD = {"seed", "dt_s", "detail", *NUMBERS, *TOWN_KEYS}
 
@@ -39,3 +42,31 @@ def record(scenario: str | Path | Place, path: str | Path, **options: Any) -> Pa
         return recorded_world.record(file.scenario, path, **{**drop_overridden(keywords, options), **options})
     except CoopsimError as error:
         raise file.blame(error, overridden={"path", *options}) from error
+
+
+def as_recorded(episode: Episode, scenario: str | Place, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options with the recording's population, `dt_s` and (unless fewer are asked for) `max_cycles`.
+
+    Raises:
+        RecordingError: the recording is of another scenario, of one that does not exist, or has a single frame.
+        InvalidValueError: an option differs from the recorded one.
+    """
+    header, steps = episode.header, episode.frames - 1
+    name = scenario.name if isinstance(scenario, Place) else scenario
+    if header.scenario != name and (name != TOWN or header.description is None):
+        hint = "" if header.description is None else f", or {TOWN!r}, which plays all recordings that carry their place"
+        raise RecordingError(f"{episode.path} was recorded in {header.scenario!r}; accepted here: {name!r}{hint}")
+    for key in TOWN_KEYS:
+        if options.get(key) is not None:
+            raise InvalidValueError(f"{key} must be left out with playback: {episode.path} carries its place")
+    if not steps:
+        raise RecordingError(f"{episode.path} holds a single frame and no step; accepted: at least two frames")
+    asked = options.get("max_cycles", steps)
+    require_count(1, max_cycles=asked)
+    if asked > steps:
+        raise InvalidValueError(f"max_cycles must be at most {steps}, as {episode.path} has no more steps, got {asked}")
+    fixed = {**header.population, "dt_s": header.dt_s, "detail": header.detail}
+    for name, value in fixed.items():
+        if options.get(name, value) != value and (name, options[name]) != ("detail", None):
+            raise InvalidValueError(f"{name} must be {value!r}, as {episode.path} was recorded, got {options[name]!r}")
+    return {**options, **fixed, "max_cycles": asked}

@@ -117,7 +117,7 @@ def write_scenario_file(path: str | Path, description: Mapping[str, Any], **cont
 
     Args:
         path: the file; an older one is replaced.
-        description: of the place, as `Place.description`.
+        description: description of the place, as `Place.description`.
         **content: other keys of the file, such as `population` and `options`, as plain data.
 
     Raises:

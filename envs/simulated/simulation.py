@@ -1,33 +1,41 @@
-"""The simulated source of frames: a world, sensed by agents."""
+"""Simulated source of frames: a world, sensed by agents. An episode is traffic, then sensors, then perception."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import cache
 from typing import Any
 
-from coopsim.envs.frames import Frame, FrameSource
+import numpy as np
+
+from coopsim.envs.frames import Frame, FrameProbe, FrameSource
 from coopsim.envs.simulated.equipment import Equipment
-from coopsim.envs.simulated.simulated_episode import SimulatedEpisode
+from coopsim.envs.simulated.lidar_sensing import (
+    CastSomeSweeps,
+    CastSweeps,
+    ExpectReturns,
+    LidarReading,
+    LidarSensing,
+)
+from coopsim.envs.simulated.perception import Perception, observation_format
 from coopsim.envs.simulated.simulation_options import SimulationOptions
-from coopsim.support.checks import require_choice
-from coopsim.types import AgentSpec
-from coopsim.wire.observation_format import ObservationFormat
+from coopsim.sensors.lidar.lidar import LidarConfig
+from coopsim.sensors.raycast import RayScene
+from coopsim.sensors.scene import SceneGeometry
+from coopsim.sensors.visibility.lidar_visibility import Visibility
+from coopsim.sensors.visibility.pixel_visibility import PixelVisibility, measure_pixels
+from coopsim.support.arrays import look_up
+from coopsim.types import AgentSpec, CameraImage, Ints, Sweep, seconds_to_ns
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import PlayedWorld, RecordedWorld
 from coopsim.world.scenario import EpisodeScenarios
-from coopsim.world.snapshot import AgentBody, WorldSource
+from coopsim.world.snapshot import Actors, AgentBody, WorldSource
 from coopsim.world.world import World
 
 
 class Simulation(FrameSource):
-    """Frames of a `World`, as its agents' sensors see it.
-
-    Args:
-        name: the environment's id.
-        scenarios: the place and its population, of each episode.
-        options: of sensing and scoring.
-        recording: a recorded world, to be sensed instead of one that is simulated now.
-    """
+    """Frames of a `World`, as its agents' sensors see it."""
 
     _episode: SimulatedEpisode
 
@@ -50,22 +58,8 @@ class Simulation(FrameSource):
         most = len(world.actors()) if scenarios.most_actors is None else scenarios.most_actors
         self.capacity = most if recording is None else recording.most_actors
         self.region_m = options.region_m
-        if isinstance(options.localization, Mapping):
-            for agent in options.localization:
-                require_choice("agent in localization", agent, self.specs)
-        self.format = ObservationFormat(
-            agents=tuple(self.specs),
-            lidars={name: tuple(spec.lidars) for name, spec in self.specs.items()},
-            cameras={
-                name: {camera: calibration.size for camera, calibration in spec.cameras.items()}
-                for name, spec in self.specs.items()
-            },
-            camera_modes=options.camera_modes,
-            embedding_dim=options.embedding_dim,
-            detection_covariances=options.chosen_detector.states_covariance,
-            pose_covariances=any(options.localization_of(name).covariance_scale is not None for name in self.specs),
-            skips_frames=options.sense_every > 1,
-        )
+        skips_frames = options.sense_every > 1
+        self.format = observation_format(self.specs, options, options.camera_modes, skips_frames=skips_frames)
 
     def start(self, seed: int, options: Mapping[str, Any]) -> Frame:
         """Begin an episode; see `FrameSource.start`."""
@@ -113,4 +107,118 @@ class Simulation(FrameSource):
                 calibration=self._options.chosen_detector.calibration,
             )
             for name, body in bodies.items()
+        }
+
+
+class SimulatedEpisode:
+    """A running episode."""
+
+    def __init__(
+        self,
+        options: SimulationOptions,
+        equipment: Equipment,
+        world: WorldSource,
+        specs: Mapping[str, AgentSpec],
+        seed: int,
+    ) -> None:
+        self._options, self._equipment, self._world, self._specs = options, equipment, world, specs
+        self._geometry = SceneGeometry(world.models, world.static)
+        self._lidars = self._lidar_sensing(specs, seed)
+        self._perception = Perception(options, specs, seed)
+        self._cycle = 0
+        self._last_sensed: tuple[Ints, Ints]  # ids (N,) of all actors, returns (N, A) from each to each agent
+
+    def advance(self, maneuvers: Mapping[str, int]) -> Frame:
+        """Step the world and return the next frame; `maneuvers` are those of the agents that drive."""
+        self._world.step(self._options.dt_s, maneuvers)
+        self._cycle += 1
+        return self.frame()
+
+    def frame(self) -> Frame:
+        """Sense the world as it is now."""
+        # From the cycle, not by addition: 0.1 s must not drift from the tenth of a second.
+        time_ns = seconds_to_ns(self._cycle * self._options.dt_s)
+        actors, bodies = self._world.actors(), self._world.agents()
+        sensed = self._cycle % self._options.sense_every == 0
+        scene = cache(lambda: RayScene(self._geometry.triangles(actors)))
+        readings = self._lidars.sense(scene, actors, bodies) if sensed else {}
+        probe = SceneProbe(self._equipment, scene, actors, bodies, readings)
+        if sensed:
+            self._last_sensed = actors.id, np.stack([reading.returns for reading in readings.values()], axis=1)
+            sweeps = {name: reading.sweeps for name, reading in readings.items()}
+            images = probe.photograph() if self._equipment.has_cameras else {}
+        else:
+            self._lidars.skip(actors, bodies)
+            sweeps = {name: dict.fromkeys(self._specs[name].lidars, Sweep.empty()) for name in bodies}
+            images = {name: self._equipment.blank_images(name) for name in bodies}
+        returns = self._returns(actors)
+        frames = self._perception.frames(time_ns, bodies, actors, returns, sweeps, images, sensed=sensed)
+        agents = {name: replace(frame, segmentation=images.get(name, {})) for name, frame in frames.items()}
+        return Frame(time_ns, agents, actors, self._cycle >= self._options.max_cycles, probe)
+
+    def _lidar_sensing(self, specs: Mapping[str, AgentSpec], seed: int) -> LidarSensing:
+        options, carriers = self._options, self._equipment.lidar_carriers
+        if not carriers:
+            usual = LidarConfig(columns=options.lidar_columns, max_range_m=options.lidar_range_m)
+            return self._expected_returns(usual)
+        agents = [name for name in specs if name in carriers]
+        cast = CastSweeps(self._equipment.lidars, agents, seed, options.dt_s, options.sweep_threads)
+        if len(agents) == len(specs):
+            return cast
+        first = next(iter(options.lidars.values()))
+        return CastSomeSweeps(cast, carriers, self._expected_returns(first))
+
+    def _expected_returns(self, config: LidarConfig) -> ExpectReturns:
+        options = self._options
+        return ExpectReturns(config, options.drone_pitch_rad, self._world.static, options.chosen_weather)
+
+    def _returns(self, actors: Actors) -> Ints:
+        """Return the number of returns (N, A) from each actor when last sensed; 0 for those that came since."""
+        ids, sensed = self._last_sensed
+        if ids is actors.id:
+            return sensed
+        order = np.argsort(ids)
+        place, known = look_up(ids[order], actors.id)
+        returns = np.zeros((len(actors), sensed.shape[1]), np.int64)
+        returns[known] = sensed[order[place[known]]]
+        return returns
+
+
+class SceneProbe(FrameProbe):
+    """Measurements of a simulated frame; its triangles are made when first asked for. Unsensed, it has no readings."""
+
+    def __init__(
+        self,
+        equipment: Equipment,
+        scene: Callable[[], RayScene],
+        actors: Actors,
+        bodies: Mapping[str, AgentBody],
+        readings: Mapping[str, LidarReading],
+    ) -> None:
+        self._equipment, self._scene, self._actors, self._bodies = equipment, scene, actors, bodies
+        self._readings = readings
+
+    def photograph(self) -> Mapping[str, Mapping[str, CameraImage]]:
+        """Return images by every agent's cameras; see `FrameProbe.photograph`."""
+        return self._equipment.rig.render(self._scene().triangles, self._actors, self._bodies)
+
+    def visibility(self) -> Mapping[str, Visibility]:
+        """Follow the LiDARs' rays through everything; see `FrameProbe.visibility`."""
+        probes = self._equipment.visibility_probes
+        return {
+            name: probes[self._bodies[name].kind].measure(
+                self._scene(), self._bodies[name], self._actors, reading.returns
+            )
+            for name, reading in self._readings.items()
+            if reading.sweeps
+        }
+
+    def pixel_visibility(self) -> Mapping[str, PixelVisibility]:
+        """Follow the cameras' rays through everything; see `FrameProbe.pixel_visibility`."""
+        if not self._readings or not self._equipment.images_tell_actors:
+            return {}
+        return {
+            name: measure_pixels(cameras, self._scene(), self._bodies[name], self._actors)
+            for name, cameras in self._equipment.cameras.items()
+            if cameras
         }

@@ -100,9 +100,7 @@ class Description:
 class EnvironmentGroup:
     """Environments that are called in one process, one after another.
 
-    Args:
-        recipe: packed `Recipe`; each environment is made of a copy of its own, so that nothing is shared.
-        indices: places of the environments in the vector.
+    Each is made of a copy of the packed `Recipe`, so that nothing is shared; indices are places in the vector.
     """
 
     def __init__(self, recipe: bytes, indices: Sequence[int]) -> None:

@@ -84,7 +84,7 @@ def vector(
         UnknownNameError: no such environment, option or choice of agents; the message lists the close ones.
         InvalidValueError: a value is not accepted.
         LostEnvironmentsError: a worker died while it made its environments.
-        Exception: what making an environment raised.
+        Exception: an error in making an environment.
     """
     require_count(1, count=count)
     if workers is not None:
@@ -156,7 +156,7 @@ class Recipe:
     Attributes:
         environment: name or scenario file, or a function that makes one.
         agents: "all", "single" or None (which is "all"): decides how names are made.
-        options: of the environment.
+        options: options of the environment.
         wrap: wrappers, the innermost first.
     """
 

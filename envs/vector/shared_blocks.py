@@ -26,9 +26,6 @@ class SharedBlocks:
     Large arrays of what is read are views of blocks. The reader says when the last view of a block is gone, and only
     then the writer uses it again; so the arrays are the reader's own without having been copied. The system frees
     the file when both processes are gone, in whatever way they went.
-
-    Args:
-        file: descriptor, as the other process inherits it.
     """
 
     def __init__(self, file: int) -> None:

@@ -62,12 +62,6 @@ class Stepper:
 
     After an interrupted or refused step the environments that have stepped keep their transitions for the next `step`,
     which passes over their actions; so no transition is lost, and none is made twice.
-
-    Args:
-        pool: workers that have the environments.
-        count: number of environments.
-        mode: when a new episode begins after one that ended.
-        seed: seed of a `reset` without one; None: a fresh one.
     """
 
     def __init__(self, pool: Pool, count: int, mode: AutoresetMode, seed: int | None) -> None:
@@ -141,7 +135,8 @@ class Stepper:
         if refused:
             self._kept = {index: reply for index, reply in self._kept.items() if index not in refused}
             raise InvalidActionError(_refusal(refused, self.count))
-        replies, lost = self._kept, {}
+        replies = self._kept
+        lost: dict[int, Transition | Failure] = {}
         episodes, transitions = list(self._episodes), []
         for each in self._episodes:
             reply = replies[each.env]
@@ -160,7 +155,7 @@ class Stepper:
         """Call "get" or "set" of every environment with its arguments; return the values.
 
         Raises:
-            Exception: what an environment raised.
+            Exception: an error of an environment.
             LostEnvironmentsError: a worker died.
         """
         self._require_open()

@@ -41,7 +41,7 @@ class VectorCalls:
 
         Raises:
             EpisodeStateError: the vector is closed.
-            Exception: what an environment raised.
+            Exception: an error of an environment.
             LostEnvironmentsError: a worker died.
         """
         return self._stepper.call("get", [(name, args, keywords)] * self._stepper.count)
@@ -50,7 +50,7 @@ class VectorCalls:
         """Return an attribute of every environment, in order; a method is called.
 
         Raises:
-            Exception: what an environment raised, as AttributeError where there is no such attribute.
+            Exception: an error of an environment, such as AttributeError where there is no such attribute.
             LostEnvironmentsError: a worker died.
         """
         return self.call(name)
@@ -60,7 +60,7 @@ class VectorCalls:
 
         Raises:
             InvalidValueError: the list or tuple is of another length than the vector.
-            Exception: what an environment raised.
+            Exception: an error of an environment.
             LostEnvironmentsError: a worker died.
         """
         count = self._stepper.count
@@ -73,7 +73,7 @@ class VectorCalls:
         """Return a picture of every environment, in order, where they were made with a `render_mode`.
 
         Raises:
-            Exception: what an environment raised.
+            Exception: an error of an environment.
             LostEnvironmentsError: a worker died.
         """
         return self.call("render")
@@ -139,8 +139,8 @@ class MultiAgentVector(VectorCalls):
             seed: integer from 0 to 2**63 - 1, of which each episode's seed is derived by environment and episode; a
                 list of one for each environment is of their first episodes themselves; None goes on with the next
                 episodes (at first: the option `seed`, or a fresh one). The seed of an episode is in its infos.
-            options: of the environments' `reset`; `{"reset_mask": mask}`, an array (num_envs,) of bool, resets these
-                environments alone: the others go on, with their last observations and without infos.
+            options: options of the environments' `reset`; `{"reset_mask": mask}`, an array (num_envs,) of bool, resets
+                these environments alone: the others go on, with their last observations and without infos.
 
         Raises:
             InvalidValueError: a seed or an option is not accepted. All environments are as they were.
@@ -163,7 +163,7 @@ class MultiAgentVector(VectorCalls):
         """Step all environments; return observations, rewards, terminations, truncations and infos.
 
         Args:
-            actions: of each environment, by agent. Those of an environment that begins an episode are passed over.
+            actions: actions by agent, for each environment. Those of one that begins an episode are passed over.
 
         Raises:
             EpisodeStateError: before `reset`, or an episode is over and autoreset is disabled.
@@ -225,26 +225,13 @@ class SingleAgentVector(VectorCalls, VectorEnv[Any, Any, Any]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin episodes.
+        """Begin episodes; see `MultiAgentVector.reset`.
 
         Returns:
             A batch of observations, by `observation_space`, and infos of the environments that began, as gymnasium's.
 
-        Args:
-            seed: integer from 0 to 2**63 - 1, of which each episode's seed is derived by environment and episode; a
-                list of one for each environment is of their first episodes themselves; None goes on with the next
-                episodes (at first: the option `seed`, or a fresh one).
-            options: of the environments' `reset`; `{"reset_mask": mask}`, an array (num_envs,) of bool, resets these
-                environments alone: the others go on, with their last observations.
-
         Raises:
-            InvalidValueError: a seed or an option is not accepted. All environments are as they were.
-            UnknownNameError: an option's name or value is not known, or is nearly `reset_mask`.
-            EpisodeStateError: the first reset is not of all environments, or the vector is closed.
-            LostEnvironmentsError: an environment raised an error, or its worker died; the others have begun episodes.
-                The error has the results of these, unless a lost one has no observation yet.
-                Reset the lost ones by `reset_mask`; or the next `step` begins their episodes, unless autoreset is
-                disabled.
+            LostEnvironmentsError: see there; it has no results if a lost environment has no observation yet.
         """
         observations, begun, lost = self._stepper.reset(seed, options)
         infos: dict[str, Any] = {}
@@ -259,14 +246,7 @@ class SingleAgentVector(VectorCalls, VectorEnv[Any, Any, Any]):
         """Step all environments; return observations, rewards, terminations, truncations (num_envs,) and infos.
 
         Args:
-            actions: a batch by `action_space`. That of an environment that begins an episode is passed over.
-
-        Raises:
-            EpisodeStateError: before `reset`, or an episode is over and autoreset is disabled.
-            InvalidActionError: names the environment and what is wrong. If the number of actions is wrong, nothing has
-                changed; otherwise the other environments have stepped, and the next call steps only those refused.
-            LostEnvironmentsError: an environment raised an error, or its worker died. The error has the results of all,
-                in which the lost one is truncated; the next call, or `reset`, begins its next episode.
+            actions: batch by `action_space`; see `MultiAgentVector.step` for refused actions and lost environments.
         """
         transitions, lost = self._stepper.step(self._split(actions))
         if lost:

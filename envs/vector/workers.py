@@ -34,10 +34,13 @@ class Round:
             an order, and also those that have replied: they are lost all the same.
         dead: environments whose worker died.
         done: set when all replies are there.
+        replace: start a new worker for one that died; otherwise its orders are dropped.
+        shares: pickled orders of each worker, and their environments.
     """
 
-    def __init__(self, orders: Sequence[Order]) -> None:
-        self.orders = {order.env: order for order in orders}
+    def __init__(self, orders: Sequence[Order], *, replace: bool) -> None:
+        self.orders, self.replace = {order.env: order for order in orders}, replace
+        self.shares: dict[int, tuple[bytes, list[int]]] = {}
         self.replies: dict[int, Reply] = {}
         self.dead: set[int] = set()
         self.done = threading.Event()
@@ -47,10 +50,6 @@ class Pool(ABC):
     """Environments that obey orders, one round after another.
 
     A round that Ctrl-C interrupts goes on, or is taken up: `finish` returns it until the caller says `forget`.
-
-    Attributes:
-        description: what the environments have in common.
-        busy: a round was interrupted.
     """
 
     description: Description
@@ -62,15 +61,12 @@ class Pool(ABC):
         return self._round is not None
 
     def run(self, orders: Sequence[Order], *, replace: bool = True) -> Round:
-        """Run a round and return it; the one before must have been forgotten.
-
-        Args:
-            orders: calls of environments.
-            replace: start a new worker for one that died; otherwise its orders are dropped.
-        """
-        self._round = self._prepared(orders, replace)
-        self._carry_out(self._round)
-        return self._round
+        """Run a round and return it; see `Round`. The one before must have been forgotten."""
+        round_ = Round(orders, replace=replace)
+        self._prepare(round_)
+        self._round = round_
+        self._carry_out(round_)
+        return round_
 
     def finish(self) -> Round | None:
         """Wait for the round that was interrupted, and return it; None if there is none."""
@@ -86,8 +82,8 @@ class Pool(ABC):
     def end(self) -> None:
         """End all workers, whatever they do; may be called again."""
 
-    def _prepared(self, orders: Sequence[Order], replace: bool) -> Round:
-        return Round(orders)
+    def _prepare(self, round_: Round) -> None:
+        """Do what may refuse the orders, before anything is noted."""
 
     @abstractmethod
     def _carry_out(self, round_: Round) -> None:
@@ -111,27 +107,15 @@ class CallingProcess(Pool):
                 round_.replies[index] = self._group.do(order)
 
 
-class _Shares(Round):
-    """A round with the pickled orders of each worker, and whether dead workers are replaced."""
-
-    shares: dict[int, tuple[bytes, list[int]]]
-    replace: bool
-
-
 class WorkerPool(Pool):
     """Processes that share the environments, in blocks.
 
     A thread talks to them, as signal handlers run in the main thread alone: so Ctrl-C interrupts a wait, and never a
     message.
 
-    Args:
-        recipe: packed `Recipe`.
-        count: number of environments.
-        workers: number of processes, at most `count`.
-
     Raises:
         LostEnvironmentsError: a worker died while it made its environments.
-        Exception: what making an environment raised.
+        Exception: an error in making an environment.
     """
 
     def __init__(self, recipe: bytes, count: int, workers: int) -> None:
@@ -139,7 +123,7 @@ class WorkerPool(Pool):
         self._blocks = [range(k * count // workers, (k + 1) * count // workers) for k in range(workers)]
         self._worker_of = {index: k for k, block in enumerate(self._blocks) for index in block}
         self._workers: list[Worker | None] = []
-        self._rounds: queue.SimpleQueue[_Shares | None] = queue.SimpleQueue()
+        self._rounds: queue.SimpleQueue[Round | None] = queue.SimpleQueue()
         threading.Thread(target=self._talk, daemon=True).start()
         try:
             for block in self._blocks:
@@ -156,16 +140,12 @@ class WorkerPool(Pool):
                     worker.kill()
             self._rounds.put(None)
 
-    def _prepared(self, orders: Sequence[Order], replace: bool) -> Round:
-        round_ = _Shares(orders)
-        round_.replace, round_.shares = replace, {}
-        for k in sorted({self._worker_of[order.env] for order in orders}):
-            share = [order for order in orders if self._worker_of[order.env] == k]
+    def _prepare(self, round_: Round) -> None:
+        for k in sorted({self._worker_of[index] for index in round_.orders}):
+            share = [order for index, order in round_.orders.items() if self._worker_of[index] == k]
             round_.shares[k] = pickle.dumps(share, protocol=5), [order.env for order in share]
-        return round_
 
     def _carry_out(self, round_: Round) -> None:
-        assert isinstance(round_, _Shares)
         self._rounds.put(round_)  # a second time after an interrupt, which the thread passes over
         round_.done.wait()
 
@@ -180,7 +160,7 @@ class WorkerPool(Pool):
             if worker is not None:
                 worker.close()
 
-    def _converse(self, round_: _Shares) -> None:
+    def _converse(self, round_: Round) -> None:
         """Give each worker its share, then take a reply of each in turns."""
         waiting: dict[int, deque[int]] = {}
         for k, (share, indices) in round_.shares.items():
@@ -189,21 +169,21 @@ class WorkerPool(Pool):
                 worker.send(share)
                 waiting[k] = deque(indices)
         while waiting:
-            for k, indices in list(waiting.items()):
+            for k, left in list(waiting.items()):
                 worker = self._workers[k]
                 assert worker is not None
                 try:
-                    round_.replies[indices[0]] = worker.receive()
+                    round_.replies[left[0]] = worker.receive()
                 except WorkerDiedError as death:
-                    call = round_.orders[indices[0]].call
+                    call = round_.orders[left[0]].call
                     self._bury(k, f"the worker died ({death}) in a {call}\n", round_)
-                    indices.clear()
+                    left.clear()
                 except Exception as error:  # a content that cannot be unpickled here
                     self._bury(k, "".join(traceback.format_exception(error)), round_)
-                    indices.clear()
+                    left.clear()
                 else:
-                    indices.popleft()
-                if not indices:
+                    left.popleft()
+                if not left:
                     del waiting[k]
 
     def _replaced(self, k: int, round_: Round) -> Worker | None:
@@ -246,7 +226,7 @@ class Worker:
 
         Raises:
             LostEnvironmentsError: the worker died.
-            Exception: what making them raised.
+            Exception: an error in making them.
         """
         try:
             made: Description | Failure = self.receive()

@@ -29,16 +29,21 @@ from typing import Any
 import gymnasium
 
 from coopsim.envs.options import sort_options
+from coopsim.envs.wrappers.base_wrappers import (
+    ActingParallel,
+    ActingSingle,
+    ActionForm,
+    ObservationForm,
+    ObservingParallel,
+    ObservingSingle,
+    cooperative_env,
+)
 from coopsim.envs.wrappers.bev_image import BevImageView
 from coopsim.envs.wrappers.driving_wrapper import Driving
 from coopsim.envs.wrappers.fixed_size import FixedSizeView
-from coopsim.envs.wrappers.flat import FlatForm
-from coopsim.envs.wrappers.forms import ActionForm, ObservationForm, cooperative_env
-from coopsim.envs.wrappers.parallel_wrappers import ActingParallel, ObservingParallel
-from coopsim.envs.wrappers.single_wrappers import ActingSingle, ObservingSingle
+from coopsim.envs.wrappers.flat import FlatForm, WithoutInfos
+from coopsim.envs.wrappers.received import View, Views
 from coopsim.envs.wrappers.track_rows import TrackRows
-from coopsim.envs.wrappers.view import View, Views
-from coopsim.envs.wrappers.without_infos import WithoutInfos
 
 __all__ = ["BevImage", "Driving", "FixedSize", "FixedTracks", "Flatten", "WithoutInfos"]
 

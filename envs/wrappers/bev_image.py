@@ -16,6 +16,7 @@ and velocities, are shifted: 0.5 is zero. Where there is nothing, all planes are
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -23,16 +24,26 @@ from typing import ClassVar
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw
 
-from coopsim.envs.wrappers.bev_kernels import paint_boxes, paint_map, paint_points
-from coopsim.envs.wrappers.map_raster import LAYERS, MapRaster
-from coopsim.envs.wrappers.received import BOX, SCORE, VELOCITY, Received, as_rows
-from coopsim.envs.wrappers.view import Arrays, Scene, View
+from coopsim.envs.wrappers.received import BOX, SCORE, VELOCITY, Arrays, Received, Scene, View, as_rows
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_choice, require_count, require_positive
+from coopsim.support.kernels import njit
 from coopsim.types import Observation
 from coopsim.world.snapshot import RoadMap
+
+LAYERS = ("lanes", "crosswalks", "pavements", "buildings", "markings")
+"""Fields of a `RoadMap`; layer k is bit k of a cell."""
+
+_MOST_CELLS = 64_000_000
+
+LOWEST_M, HIGHEST_M = -1.0, 5.0
+"""Heights of points that are shown as the least and the largest brightness."""
+
+MANY_POINTS = 64
+"""Number of points of a pixel from which it is as bright as can be."""
 
 PLANES: dict[str, tuple[str, ...]] = {
     "detections": ("occupied", "score", "cos", "sin"),
@@ -57,7 +68,7 @@ class BevImageView(View):
     Attributes:
         size: height and width in pixels.
         metres: height and width of what it shows.
-        channels: what it shows, in this order: names in `PLANES`.
+        channels: channels in this order: names in `PLANES`.
         dtype: "uint8" (0 to 255) or "float32" (0 to 1).
     """
 
@@ -151,3 +162,105 @@ def _paint_messages(planes: Planes, received: Received, pixel_m: float) -> None:
 def _points(observation: Observation) -> Floats:
     parts = [sweep.points for sweep in observation.sweeps.values()]
     return np.concatenate([np.zeros((0, 3)), *parts])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapRaster:
+    """A bitmap of a road map in the world frame.
+
+    Attributes:
+        cells: (H, W) uint8, a bit for each of `LAYERS`; row and column grow with y and x.
+        origin_m: (2,) x, y of the outer corner of the first cell.
+        cell_m: size of a cell.
+    """
+
+    cells: NDArray[np.uint8]
+    origin_m: Floats
+    cell_m: float
+
+    @classmethod
+    def of(cls, road_map: RoadMap, cell_m: float) -> MapRaster:
+        """Draw a map in cells of this size, or larger ones where the map would have too many."""
+        outlines = [outline for layer in LAYERS for outline in getattr(road_map, layer)]
+        if not outlines:
+            return cls(np.zeros((1, 1), np.uint8), np.zeros(2), cell_m)
+        corners = np.concatenate(outlines)
+        origin, extent = corners.min(axis=0), np.maximum(np.ptp(corners, axis=0), cell_m)
+        cell_m = max(cell_m, math.sqrt(float(extent.prod()) / _MOST_CELLS))
+        width, height = (np.floor(extent / cell_m).astype(int) + 1).tolist()
+        cells = np.zeros((height, width), np.uint8)
+        for bit, layer in enumerate(LAYERS):
+            picture = Image.new("1", (width, height))
+            draw = ImageDraw.Draw(picture)
+            for outline in getattr(road_map, layer):
+                draw.polygon([(x, y) for x, y in ((outline - origin) / cell_m).tolist()], fill=1)
+            cells |= np.asarray(picture, np.uint8) << bit
+        return cls(cells, origin, cell_m)
+
+
+@njit(cache=True, nogil=True)
+def paint_boxes(planes: Planes, boxes: Floats, values: Planes, pixel_m: float) -> None:
+    """Fill the footprints of boxes (N, 7), one after another, each with its values (N, C), a plane each.
+
+    The pixel under a box's centre is filled, however small the box.
+    """
+    size = planes.shape[1]
+    for n in range(len(boxes)):
+        x, y, half_l, half_w = boxes[n, 0], boxes[n, 1], boxes[n, 3] / 2, boxes[n, 4] / 2
+        cos, sin = np.cos(boxes[n, 6]), np.sin(boxes[n, 6])
+        reach_x, reach_y = abs(cos) * half_l + abs(sin) * half_w, abs(sin) * half_l + abs(cos) * half_w
+        middle_row, middle_column = size / 2 - x / pixel_m, size / 2 - y / pixel_m
+        for row in _span(middle_row, reach_x / pixel_m, size):
+            for column in _span(middle_column, reach_y / pixel_m, size):
+                ahead, left = (middle_row - row - 0.5) * pixel_m, (middle_column - column - 0.5) * pixel_m
+                inside = abs(ahead * cos + left * sin) <= half_l and abs(left * cos - ahead * sin) <= half_w
+                if inside or (row == np.floor(middle_row) and column == np.floor(middle_column)):
+                    for plane in range(len(planes)):
+                        planes[plane, row, column] = values[n, plane]
+
+
+@njit(cache=True, nogil=True)
+def paint_points(planes: Planes, points: Floats, pixel_m: float) -> None:
+    """Paint points (N, 3): the logarithm of their number in the first plane, the highest one's height in the second."""
+    size = planes.shape[1]
+    counts, highest = np.zeros((size, size), np.int64), np.full((size, size), LOWEST_M)
+    for n in range(len(points)):
+        row, column = np.floor(size / 2 - points[n, 0] / pixel_m), np.floor(size / 2 - points[n, 1] / pixel_m)
+        if 0 <= row < size and 0 <= column < size:
+            counts[int(row), int(column)] += 1
+            highest[int(row), int(column)] = max(highest[int(row), int(column)], points[n, 2])
+    for row in range(size):
+        for column in range(size):
+            if counts[row, column]:
+                density = min(1.0, np.log1p(counts[row, column]) / np.log1p(MANY_POINTS))
+                height = (highest[row, column] - LOWEST_M) / (HIGHEST_M - LOWEST_M)
+                planes[0, row, column] = np.uint8(255 * density)
+                planes[1, row, column] = np.uint8(255 * min(1.0, height))
+
+
+@njit(cache=True, nogil=True)
+def paint_map(planes: Planes, cells: Planes, origin_m: Floats, cell_m: float, pose: Floats, pixel_m: float) -> None:
+    """Look the map up under each pixel: bit k of its cell is plane k.
+
+    The bitmap (H, W) is in the world frame, and `origin_m` (2,) the corner of its first cell; `pose` (4,) is the
+    agent's x, y, z m and heading rad.
+    """
+    size = planes.shape[1]
+    cos, sin = np.cos(pose[3]), np.sin(pose[3])
+    for row in range(size):
+        ahead = (size / 2 - row - 0.5) * pixel_m
+        for column in range(size):
+            left = (size / 2 - column - 0.5) * pixel_m
+            x = np.floor((pose[0] + ahead * cos - left * sin - origin_m[0]) / cell_m)
+            y = np.floor((pose[1] + ahead * sin + left * cos - origin_m[1]) / cell_m)
+            if 0 <= x < cells.shape[1] and 0 <= y < cells.shape[0]:
+                cell = cells[int(y), int(x)]
+                for plane in range(len(planes)):
+                    planes[plane, row, column] = 255 * ((cell >> plane) & 1)
+
+
+@njit(cache=True, nogil=True)
+def _span(middle: float, reach: float, size: int) -> range:
+    """Return the pixels of an axis that a box may touch."""
+    first, last = np.floor(middle - reach), np.floor(middle + reach)
+    return range(int(max(first, 0.0)), int(min(last, size - 1.0)) + 1)

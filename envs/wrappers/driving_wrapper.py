@@ -13,9 +13,8 @@ from pettingzoo.utils import BaseParallelWrapper
 
 from coopsim.agents.policy import Policy
 from coopsim.envs.parallel import space_of
-from coopsim.envs.single.cast import Cast
-from coopsim.envs.wrappers.forms import cooperative_env
-from coopsim.envs.wrappers.parallel_wrappers import ByAgent, Stepped
+from coopsim.envs.roles import Roles
+from coopsim.envs.wrappers.base_wrappers import ByAgent, Stepped, cooperative_env
 from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError
 from coopsim.support.rng import derived_seed
 from coopsim.types.maneuvers import MANEUVERS
@@ -43,7 +42,7 @@ class Driving(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pett
             raise InvalidValueError('env must be parallel: make a single-agent one with tracker="late_fusion" instead')
         super().__init__(env)
         self._cooperative = cooperative_env(env)
-        made = Cast.make(tracker, others=None).tracker
+        made = Roles.make(tracker, others=None).tracker
         if made is None:
             raise InvalidValueError("tracker must be a policy or its name, got None")
         self.tracker = made

@@ -24,8 +24,18 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from coopsim.envs.wrappers.received import BOX, LABEL, SCORE, VELOCITY, Received, as_rows, deviations
-from coopsim.envs.wrappers.view import Arrays, Scene, View
+from coopsim.envs.wrappers.received import (
+    BOX,
+    LABEL,
+    SCORE,
+    VELOCITY,
+    Arrays,
+    Received,
+    Scene,
+    View,
+    as_rows,
+    deviations,
+)
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_choice, require_count, require_positive
 from coopsim.types import Ints, Observation
@@ -77,7 +87,7 @@ class FixedSizeView(View):
         messages: number of messages: the newest, and among equally new ones those of the nearest senders.
         received: number of boxes of each message.
         points: number of LiDAR points, evenly spaced among those within `reach_m`.
-        order: which boxes come first, and stay where not all fit: "nearest" or "surest".
+        order: rule by which boxes come first, and stay where not all fit: "nearest" or "surest".
         reach_m: boxes, senders and points farther away, along x, y or z, are left out.
     """
 

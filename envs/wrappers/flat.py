@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from typing import Any
 
+import gymnasium
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
+from pettingzoo import ParallelEnv
+from pettingzoo.utils import BaseParallelWrapper
 
-from coopsim.envs.wrappers.forms import AnySpace, ObservationForm, kind_of
+from coopsim.envs.wrappers.base_wrappers import AnySpace, ByAgent, ObservationForm, Stepped, cooperative_env, kind_of
 from coopsim.errors import InvalidValueError
 
 _PICTURE_AXES = 3
 
 
 class FlatForm(ObservationForm):
-    """One (N,) float32 array of all arrays, in the alphabetical order of their names; a picture by itself stays one."""
+    """All arrays as a single (N,) float32 array, in alphabetical order of names; a picture by itself stays one."""
 
     def space(self, inner: AnySpace) -> AnySpace:
         parts = [inner] if isinstance(inner, spaces.Box) else _parts(inner)
@@ -38,3 +41,32 @@ def _parts(space: AnySpace) -> list[spaces.Box]:
     if len(boxes) < len(parts):
         raise InvalidValueError(f"env must be wrapped in FixedSize or BevImage before Flatten: it has {kind_of(space)}")
     return boxes
+
+
+class WithoutInfos(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pettingzoo is untyped
+    """The parallel environment with an empty info for each agent, as TorchRL's `PettingZooWrapper` needs it.
+
+    Args:
+        env: the environment; put this wrapper around all others.
+
+    Raises:
+        InvalidValueError: `env` is no parallel environment of coopsim's.
+    """
+
+    def __init__(self, env: ParallelEnv[str, Any, Any]) -> None:
+        if isinstance(env, gymnasium.Env):
+            raise InvalidValueError("env must be parallel: TorchRL's GymWrapper takes a single-agent one as it is")
+        cooperative_env(env)
+        super().__init__(env)
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[ByAgent, dict[str, dict[str, Any]]]:
+        """Begin an episode; see `CooperativeEnv.reset`."""
+        observations, infos = self.env.reset(seed=seed, options=options)
+        return observations, {name: {} for name in infos}
+
+    def step(self, actions: ByAgent) -> Stepped:
+        """Go to the next frame; see `CooperativeEnv.step`."""
+        *stepped, infos = self.env.step(actions)
+        return (*stepped, {name: {} for name in infos})

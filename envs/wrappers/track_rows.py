@@ -25,7 +25,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from coopsim.envs.wrappers.forms import ActionForm, AnySpace, kind_of
+from coopsim.envs.wrappers.base_wrappers import ActionForm, AnySpace, kind_of
 from coopsim.errors import CoopsimError, InvalidActionError, InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats

@@ -15,15 +15,14 @@ from coopsim.bench.benchmark import check
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.grid.grid_file import find_grid
+from coopsim.bench.nuscenes_results import read_plan
 from coopsim.bench.paper.provenance import Provenance
 from coopsim.bench.report.publish import make_rerun, publish
 from coopsim.bench.store.store import Store
 from coopsim.catalog import WRITING_OPTIONS
 from coopsim.cli.entry import main
 from coopsim.config.yaml_file import PATH_KEYS
-from coopsim.data.export.nuscenes_tables.nuscenes_results import read_plan
-from coopsim.envs.options import CommonOptions
-from coopsim.envs.perception_options import PerceptionOptions
+from coopsim.envs.options import CommonOptions, PerceptionOptions
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import GridFileError, InvalidValueError, ScenarioFileError
 from coopsim.world.population import Population

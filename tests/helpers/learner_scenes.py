@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from coopsim.comms.codecs.codec import CODECS
-from coopsim.envs.wrappers.received import Inbox
-from coopsim.envs.wrappers.view import Scene
+from coopsim.envs.wrappers.received import Inbox, Scene
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import AgentSpec, Detections, Message, Observation, Odometry, PoseEstimate, Sweep
 

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import pytest
 
 from coopsim.data.export.export_format import ExportFormat
-from coopsim.data.export.export_frame import ExportFrame
-from coopsim.data.export.export_plan import ExportPlan
-from coopsim.data.export.export_source import ExportSource
+from coopsim.data.export.export_frame import ExportFrame, ExportPlan, ExportSource
 from coopsim.types import AgentSpec
 
 SEED, FRAMES = 7, 6

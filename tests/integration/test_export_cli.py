@@ -11,7 +11,7 @@ import pytest
 from interruptible import interruptible
 
 from coopsim.cli import INTERRUPTED, main
-from coopsim.data.export.export_sums import files_below
+from coopsim.data.export.folder_checks import files_below
 
 LIGHT = ["--vehicles", "5", "--rsus", "0", "--option", "lidar=VLP-16", "--option", "lidar_columns=64"]
 
@@ -32,11 +32,11 @@ def test_an_export_tells_where_it_is_and_passes_its_check(tmp_path, capsys):
 def test_a_check_names_file_and_field_and_fails(tmp_path, capsys):
     main(_export(tmp_path, "--frames", "1"))
     (broken, *_) = sorted(tmp_path.glob("*/*/*.yaml"))
-    broken.write_text(broken.read_text().replace("ego_speed: ", "ego_speed: about "))
+    broken.write_text(broken.read_text().replace("lidar_pose: [", "lidar_pose: [x, "))
     capsys.readouterr()
     assert main(["check-export", str(tmp_path)]) == 1
     said = capsys.readouterr().out.splitlines()
-    assert f"{broken.relative_to(tmp_path)}: ego_speed: must be a number of km/h" in said[1]
+    assert f"{broken.relative_to(tmp_path)}: lidar_pose must be 6 numbers" in said[1]
     assert said[-1] == "2 problems"  # the other: its checksum
     assert main(["check-export", str(tmp_path), "--format", "opv2v"]) == 1
     assert capsys.readouterr().out.splitlines()[-1] == "1 problem"

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import coopsim
-from coopsim.data.export.opv2v.opv2v_format import OBJECT_NUMBER
+from coopsim.data.export.opv2v_format import OBJECT_NUMBER
 from coopsim.data.files.carla_axes import mirror
 from coopsim.types import ObjectClass
 

@@ -16,9 +16,7 @@ from pettingzoo.test import parallel_api_test
 import coopsim
 from coopsim.cli import main
 from coopsim.data.export.export_format import make_export_format
-from coopsim.data.export.export_frame import ExportFrame
-from coopsim.data.export.export_plan import ExportPlan
-from coopsim.data.export.export_source import ExportSource
+from coopsim.data.export.export_frame import ExportFrame, ExportPlan, ExportSource
 from coopsim.detection.detector import Detector, Rng
 from coopsim.envs.frames import Frame
 from coopsim.envs.parallel import CooperativeEnv

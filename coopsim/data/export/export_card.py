@@ -12,12 +12,18 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from coopsim.data.export.export_plan import ExportPlan
-from coopsim.data.export.export_sums import SUMS, check_sums, files_below, write_sums
-from coopsim.data.export.problem import Problem
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from coopsim.data.export.export_frame import ExportAgent, ExportFrame, ExportPlan
+from coopsim.data.export.folder_checks import SUMS, Problem, check_sums, files_below, write_sums
+from coopsim.data.files.pictures import encode_png
 from coopsim.errors import ExportError, InvalidValueError
 from coopsim.support.files import LOCK, WrittenFiles, write_durably, write_whole
 from coopsim.support.integers import runs_of
+from coopsim.viz.bev import BevFrame, BevRenderer
+from coopsim.world.snapshot import Actors, RoadMap
 
 CARD, PAGE, PICTURE = "export.json", "README.md", "picture.png"
 
@@ -31,13 +37,13 @@ _NO_ARGUMENTS = ("state", "episodes", "files", "bytes")
 
 @dataclass(slots=True)
 class EpisodeCounts:
-    """What an episode holds.
+    """Contents of an episode.
 
     Attributes:
         agents: their names.
-        points: of all sweeps.
-        pictures: of all cameras.
-        objects: that some agent's LiDAR hit, counted anew in each frame.
+        points: points of all sweeps.
+        pictures: pictures of all cameras.
+        objects: objects that some agent's LiDAR hit, counted anew in each frame.
     """
 
     agents: list[str] = field(default_factory=list)
@@ -47,14 +53,7 @@ class EpisodeCounts:
 
 
 class ExportCard:
-    """The card of a folder: opened by `open_card`, written after each episode.
-
-    Attributes:
-        folder: the export's.
-        facts: the plan's arguments, and versions.
-        episodes: counts of the finished ones, by seed.
-        done: whether the export is complete.
-    """
+    """The card of a folder: opened by `open_card`, written after each episode."""
 
     def __init__(self, folder: Path, facts: Mapping[str, Any]) -> None:
         self.folder, self.facts = folder, facts
@@ -180,7 +179,7 @@ def check_card(folder: Path) -> Iterator[Problem]:
     """Yield what is wrong with an export, whatever its format: its state, and files that are not as they were written.
 
     Raises:
-        ExportError: as `read_card`.
+        ExportError: `read_card` refuses it.
     """
     content = read_card(folder)
     if content["state"] != DONE:
@@ -200,3 +199,40 @@ def _remove_unfinished(folder: Path) -> None:
 def _ranges(seeds: list[int]) -> str:
     """Return seeds as a user gives them, as "0-4, 7"."""
     return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs_of(seeds))
+
+
+def frame_picture(frame: ExportFrame, road_map: RoadMap) -> bytes:
+    """Return a PNG of the exported points, boxes and agents over the map, and pictures of cameras where there are any.
+
+    Points are moved from their sensors' frames to the world by the exported poses, so a wrong pose shows.
+    """
+    objects = frame.objects
+    count = len(objects)
+    plain = np.zeros(count, np.int64), np.zeros((count, 3), np.uint8)
+    actors = Actors(objects.id, objects.boxes, frame.velocity, objects.label, *plain)
+    points = [
+        agent.world_SE3_base.compose(scan.mounting.base_SE3_lidar).apply(scan.points)
+        for agent in frame.agents
+        for scan in agent.lidars.values()
+    ]
+    bodies = {agent.name: agent.body for agent in frame.agents}
+    all_points = np.concatenate(points) if points else np.zeros((0, 3))
+    renderer = BevRenderer(road_map)
+    picture = renderer.draw(BevFrame(frame.time_ns, actors, bodies, all_points, {}))
+    renderer.close()
+    strips = [_strip(agent, picture.shape[1]) for agent in frame.agents if agent.cameras]
+    return encode_png(np.concatenate([picture, *strips[:1]]))
+
+
+def _strip(agent: ExportAgent, width: int) -> NDArray[np.uint8]:
+    """Return an agent's pictures side by side, scaled to a width in pixels together."""
+    shots = [shot.image.rgb for shot in agent.cameras.values() if shot.image.rgb is not None]
+    if not shots:
+        return np.zeros((0, width, 3), np.uint8)
+    edges = np.linspace(0, width, len(shots) + 1).round().astype(int)
+    height = max(round(shot.shape[0] * width / len(shots) / shot.shape[1]) for shot in shots)
+    parts = [
+        np.asarray(Image.fromarray(shot).resize((int(right - left), height)))
+        for shot, left, right in zip(shots, edges[:-1], edges[1:], strict=True)
+    ]
+    return np.concatenate(parts, axis=1)

@@ -1,18 +1,19 @@
-"""What a format of exports has to do, and the formats by name."""
+"""Formats of exports: the plan that they are given, their interface, and the formats by name."""
 
 from __future__ import annotations
 
+import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
 from coopsim.config.spec import instantiate, parse_spec
-from coopsim.data.export.export_frame import ExportFrame
-from coopsim.data.export.export_plan import ExportPlan
-from coopsim.data.export.problem import Problem
+from coopsim.data.export.export_frame import ExportFrame, ExportPlan
+from coopsim.data.export.folder_checks import Problem, check_by_reading
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import require_choice
+from coopsim.support.files import note_written
 from coopsim.support.registry import Registry
 from coopsim.types import AgentSpec
 
@@ -37,6 +38,9 @@ class ExportFormat(ABC):
     usual_options: ClassVar[Mapping[str, Any]] = {}
     """Options of the environment that the format needs, unless the user gives others, as `{"cameras": "surround"}`."""
 
+    reader: ClassVar[str | None] = None
+    """Name of the format of recordings that reads the folder, for `check`; a format without one overrides `check`."""
+
     def require(self, agents: Mapping[str, AgentSpec]) -> None:
         """Raise `InvalidValueError` if these agents, by name, cannot be exported, as when they lack a camera.
 
@@ -60,9 +64,9 @@ class ExportFormat(ABC):
     def end(self) -> None:
         """End the export: write what spans episodes, from what is in the folder."""
 
-    @abstractmethod
     def check(self, folder: Path) -> Iterator[Problem]:
-        """Yield what is wrong in a folder of this format, which need not be one that coopsim wrote."""
+        """Yield the faults of a folder of this format, which need not be one that coopsim wrote."""
+        return iter(()) if self.reader is None else check_by_reading(folder, self.reader)
 
 
 def require_lidar(name: str, spec: AgentSpec, lidar: str | None = None) -> None:
@@ -82,3 +86,44 @@ def make_export_format(spec: str) -> ExportFormat:
     """
     name, parameters = parse_spec("export format", spec)
     return instantiate("export format", name, EXPORT_FORMATS.get(name), parameters)
+
+
+class LineFile:
+    """A text file of which lines are appended; it gets its name when it is closed.
+
+    Until then it is called `<name>.tmp`. What an interrupted writer left under that name is overwritten.
+
+    Raises:
+        InvalidValueError: the file cannot be written, also by `append` and `close`.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._part = path, path.with_name(f"{path.name}.tmp")
+        self._write("w", ())
+
+    def append(self, *lines: str) -> None:
+        """Append lines; ends of lines are added."""
+        self._write("a", lines)
+
+    def close(self) -> None:
+        """End the file and give it its name."""
+        try:
+            os.replace(self._part, self._path)
+            note_written(self._path)
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def discard(self) -> None:
+        """Remove what was written; for writers that do not go on later."""
+        self._part.unlink(missing_ok=True)
+
+    def _write(self, mode: str, lines: Iterable[str]) -> None:
+        try:
+            # Opened for each call: an export that is given up leaves no open files.
+            with self._part.open(mode, encoding="utf-8", newline="\n") as file:
+                file.writelines(f"{line}\n" for line in lines)
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def _failed(self, error: OSError) -> InvalidValueError:
+        return InvalidValueError(f"cannot write {self._path}: {error.strerror or error}")

@@ -1,20 +1,28 @@
-"""Running an export: episode after episode, frame after frame, to be interrupted and gone on with at any moment."""
+"""Exports: run, interrupted and gone on with at any moment, and checked."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from coopsim.data.export.export_card import PICTURE, EpisodeCounts, ExportCard, open_card
+from coopsim.data.export.export_card import (
+    CARD,
+    DONE,
+    PICTURE,
+    EpisodeCounts,
+    ExportCard,
+    check_card,
+    frame_picture,
+    open_card,
+    read_card,
+)
 from coopsim.data.export.export_format import ExportFormat, make_export_format
-from coopsim.data.export.export_frame import ExportFrame
-from coopsim.data.export.export_picture import frame_picture
-from coopsim.data.export.export_plan import ExportPlan
-from coopsim.data.export.export_source import ExportSource
-from coopsim.errors import InvalidValueError
+from coopsim.data.export.export_frame import ExportFrame, ExportPlan, ExportSource
+from coopsim.data.export.folder_checks import Problem
+from coopsim.errors import ExportError, InvalidValueError
 from coopsim.support.checks import as_runs
 from coopsim.support.files import WrittenFiles, locked, make_folder, write_whole_bytes
 
@@ -38,10 +46,10 @@ def export(
         format: name of the format, or its spec, as "opv2v" or "opv2v(lidar=roof)".
         environment: name of a simulated environment, or path of a scenario file.
         folder: is made; it must be new, empty, or hold this export.
-        seeds: of the episodes.
-        frames: of each episode.
+        seeds: seeds of the episodes.
+        frames: number of frames of each episode.
         progress: called with the number of frames that are done, at first with those of an earlier call.
-        **options: of the environment; plain data.
+        **options: options of the environment; plain data.
 
     Raises:
         CoopsimError: the format, the environment or an option is not known or not accepted; the folder holds something
@@ -91,3 +99,32 @@ def _count(frame: ExportFrame, counts: EpisodeCounts) -> None:
         counts.points += sum(len(scan.points) for scan in agent.lidars.values())
         counts.pictures += len(agent.cameras)
     counts.objects += int((frame.returns > 0).any(axis=1).sum())
+
+
+def check_export(folder: str | Path, format: str | None = None) -> Iterator[Problem]:  # noqa: A002
+    """Yield what is wrong in an exported folder; nothing if all is well.
+
+    Args:
+        folder: the export.
+        format: spec of a format, as `export` takes it; None: as the folder's `export.json` says. Where it is
+            given, the folder need not be an export of coopsim: only the format is checked.
+
+    Raises:
+        ExportError: there is no such folder, or it does not say its format.
+        CoopsimError: the format is not known.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise ExportError(f"there is no folder {folder}")
+    if format is None and not (folder / CARD).is_file():
+        raise ExportError(f"{folder} has no {CARD}: `coopsim export` did not write it. Say of which format it is")
+    card = None if format is not None else read_card(folder)
+    writer = make_export_format(str(card["format"]) if card is not None else str(format))
+    return _problems(folder, writer, card)
+
+
+def _problems(folder: Path, writer: ExportFormat, card: Mapping[str, Any] | None) -> Iterator[Problem]:
+    if card is not None:
+        yield from check_card(folder)
+    if card is None or card["state"] == DONE:  # of an interrupted export, more is missing than would be told
+        yield from writer.check(folder)

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from coopsim.data.export.line_file import LineFile
+from coopsim.data.export.export_format import LineFile
 from coopsim.errors import InvalidValueError
 from coopsim.support.files import make_folder
 
@@ -24,12 +24,7 @@ FIRST_US = 1_000_000_000_000_000
 
 
 class RecordParts:
-    """The lists of an export.
-
-    Args:
-        folder: of the export; it exists.
-        lists: paths of the JSON files in it, without suffix, as "v1.0-trainval/sample".
-    """
+    """Lists of an export: JSON files in its folder, named without suffix, as "v1.0-trainval/sample"."""
 
     def __init__(self, folder: Path, lists: Sequence[str]) -> None:
         self._folder, self._lists = folder, tuple(lists)

@@ -1,4 +1,4 @@
-"""How much of an object an agent's LiDARs see: the share of the rays through its box that come back from it.
+"""Visibility of an object to an agent's LiDARs: the share of the rays through its box that come back from it.
 
 Data sets grade occlusion by hand or by pixels. To cast every ray twice, with and without what hides an object, would
 take longer than the simulation (`coopsim.sensors.visibility`). Here rays are counted without the scene. A body fills
@@ -23,12 +23,7 @@ LEAST_FREE, LEAST_PARTLY = 0.5, 0.2
 
 
 def seen_shares(frame: ExportFrame, column: int) -> Floats:
-    """Return the share (N,) in [0, 1] of the rays through each object's box that return from it.
-
-    Args:
-        frame: with N objects.
-        column: number of the agent.
-    """
+    """Return the share (N,) in [0, 1] of the rays through each object's box that return from it."""
     agent = frame.agents[column]
     returns, shares = frame.returns[:, column], np.zeros(len(frame.objects))
     seen = returns > 0
@@ -48,12 +43,7 @@ def occlusion_levels(frame: ExportFrame, column: int) -> Ints:
 
 
 def rays_through(boxes: Boxes3D, mounting: LidarMounting) -> Ints:
-    """Count the rays of one revolution that pass through each box (N,), within the sensor's range.
-
-    Args:
-        boxes: N, in the agent's base frame.
-        mounting: of the sensor.
-    """
+    """Count the rays of a revolution through each box (N,), which are in the agent's base frame, within the range."""
     lidar_SE3_base = mounting.base_SE3_lidar.inverse()
     cos, sin = np.cos(boxes.yaw), np.sin(boxes.yaw)
     turn = np.zeros((len(boxes), 3, 3))

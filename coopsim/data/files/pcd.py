@@ -1,7 +1,8 @@
-"""PCD files of LiDAR points (version 0.7 of the Point Cloud Library's format).
+"""Point clouds in files: PCD with its compression LZF, and the plain float32 rows of KITTI and nuScenes.
 
-Read are the three kinds of data (ascii, binary, binary_compressed), with the fields x, y, z and an intensity: a field
-`intensity`, or the red of a field `rgb`, where OPV2V keeps it. Other fields are passed over.
+Of PCD (version 0.7 of the Point Cloud Library's format) the three kinds of data are read (ascii, binary,
+binary_compressed), with the fields x, y, z and an intensity: a field `intensity`, or the red of a field `rgb`, where
+OPV2V keeps it. Other fields are passed over.
 """
 
 from __future__ import annotations
@@ -15,9 +16,69 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.data.files.lzf import inflate_lzf
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.support.arrays import frozen
+from coopsim.support.kernels import njit
+
+MOST_GROWTH = 88
+"""Largest ratio of plain to compressed bytes: a back reference of three bytes stands for at most 264."""
+
+_LONGEST_LITERAL, _LONG, _DAMAGED = 32, 7, -1
+
+
+def inflate_lzf(compressed: bytes, size: int) -> NDArray[np.uint8]:
+    """Return the `size` plain bytes of LZF data.
+
+    Raises:
+        InvalidValueError: the data are damaged, or hold another number of bytes. Nothing is allocated for a size that
+            so few compressed bytes cannot hold.
+    """
+    if size > MOST_GROWTH * len(compressed):
+        raise InvalidValueError(f"{len(compressed)} compressed bytes cannot hold {size}")
+    plain = np.empty(size, np.uint8)
+    filled = _inflate(np.frombuffer(compressed, np.uint8), plain)
+    if filled != size:
+        raise InvalidValueError(f"the compressed bytes are damaged, or do not hold {size} bytes")
+    return plain
+
+
+@njit(cache=True)
+def _inflate(compressed: NDArray[np.uint8], plain: NDArray[np.uint8]) -> int:
+    """Fill `plain`. Return the number of bytes that were there, or `_DAMAGED`.
+
+    A first byte below 32 announces that many literal bytes and one more. In any other, the upper three bits are the
+    length of a copy less two (7: the next byte is added), the lower five and the byte that follows are the distance
+    back less one.
+    """
+    read, filled = 0, 0
+    while read < len(compressed):
+        control = int(compressed[read])
+        read += 1
+        if control < _LONGEST_LITERAL:
+            length = control + 1
+            if read + length > len(compressed) or filled + length > len(plain):
+                return _DAMAGED
+            plain[filled : filled + length] = compressed[read : read + length]
+            read, filled = read + length, filled + length
+            continue
+        length = control >> 5
+        if length == _LONG:
+            if read >= len(compressed):
+                return _DAMAGED
+            length += int(compressed[read])
+            read += 1
+        if read >= len(compressed):
+            return _DAMAGED
+        source = filled - ((control & 31) << 8) - int(compressed[read]) - 1
+        read += 1
+        length += 2
+        if source < 0 or filled + length > len(plain):
+            return _DAMAGED
+        for k in range(length):  # one by one: a copy may overlap what it copies
+            plain[filled + k] = plain[source + k]
+        filled += length
+    return filled
+
 
 _KEYS = ("FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "POINTS", "DATA")
 _DATA = ("ascii", "binary", "binary_compressed")
@@ -233,3 +294,26 @@ def _integer(key: str, words: list[str]) -> int:
     if len(words) != 1 or not re.fullmatch(r"\d{1,12}", words[0]):
         raise InvalidValueError(f"{key} must be an integer >= 0, got {' '.join(words)!r}")
     return int(words[0])
+
+
+def encode_float_points(points: NDArray[np.float32], *columns: NDArray[Any]) -> bytes:
+    """Return points (N, 3) m and further columns (N,) as rows of little-endian float32."""
+    return np.column_stack([points, *columns]).astype("<f4").tobytes()
+
+
+def read_float_points(path: Path, columns: int) -> NDArray[np.float32]:
+    """Read the rows (N, columns) of a file.
+
+    Raises:
+        RecordingError: the file is missing, ends within a row, or has a number that is not finite.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise RecordingError(f"cannot read {path}: {error.strerror or error}") from error
+    if len(content) % (4 * columns):
+        raise RecordingError(f"{path}: a row is {columns} float32, {4 * columns} bytes; got {len(content)} bytes")
+    rows = np.frombuffer(content, "<f4").reshape(-1, columns)
+    if not np.isfinite(rows).all():
+        raise RecordingError(f"{path}: all numbers must be finite")
+    return rows

@@ -1,16 +1,16 @@
-"""Which format a folder of recordings has."""
+"""Formats of folders with recordings, by name and by a look."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from coopsim.data.recordings.file_fields import read_tagged_yaml
 from coopsim.data.recordings.kitti_tracking_folder import KittiTrackingFolder
 from coopsim.data.recordings.opv2v_folder import Opv2vFolder
 from coopsim.data.recordings.recorded_folder import ReadingOptions, RecordedFolder
 from coopsim.data.recordings.spd_folder import SpdFolder
 from coopsim.data.recordings.stamped_folders import find_scenarios
-from coopsim.data.recordings.tagged_yaml import read_tagged_yaml
 from coopsim.data.recordings.v2v4real_folder import V2v4realFolder
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.support.checks import require_choice
@@ -60,8 +60,8 @@ def open_folder(path: str | Path, options: ReadingOptions | None = None, name: s
 
     Args:
         path: the folder.
-        options: what its files leave open.
-        name: of the format; "auto" finds it.
+        options: choices that its files leave open.
+        name: name of the format; "auto" finds it.
 
     Raises:
         UnknownNameError: there is no such format.

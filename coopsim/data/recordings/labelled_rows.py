@@ -1,15 +1,63 @@
-"""Objects of a frame, collected one label after the other."""
+"""Labelled objects of a frame: their classes, rows of boxes, and the upright frames in which they stand."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
-from coopsim.data.recordings.recorded_frame import RecordedObjects
+from coopsim.data.recordings.file_fields import Fields
+from coopsim.data.recordings.recorded_folder import RecordedObjects
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
-from coopsim.types import Ints
+from coopsim.types import Ints, Sweep
+from coopsim.types.taxonomy import ObjectClass
+
+_NAMES = {
+    ObjectClass.CAR: ("car", "policecar", "suv", "pickup", "pickuptruck", "taxi"),
+    ObjectClass.VAN: ("van",),
+    ObjectClass.TRUCK: ("truck", "boxtruck", "concretetruck", "semitruck", "semitrailer", "longvehicle", "trailer"),
+    ObjectClass.BUS: ("bus",),
+    ObjectClass.MOTORCYCLE: ("motorcycle", "motorcyclist", "motorcyclerider", "motorcylerider", "tricyclist"),
+    ObjectClass.BICYCLE: ("bicycle", "bicyclerider", "cyclist", "barrowlist"),
+    ObjectClass.SCOOTER: ("scooter", "scooterrider"),
+    ObjectClass.PEDESTRIAN: ("pedestrian", "roadworker", "person", "personsitting"),
+    ObjectClass.CHILD: ("child",),
+}
+_CLASSES = {name: cls for cls, names in _NAMES.items() for name in names}
+_NO_OBJECTS = ("dontcare", "misc", "tram", "trafficcone", "trafficsign", "barrier", "trashcan", "unknown", "other")
+"""Types of labels that are no road users of ours, or not known."""
+
+
+def find_class(name: str) -> ObjectClass | None:
+    """Return the class of a type's name, in which case and marks between words do not matter; None: it is no object.
+
+    Raises:
+        KeyError: the name is not known.
+    """
+    plain = "".join(letter for letter in name.lower() if letter.isalnum())
+    return None if plain in _NO_OBJECTS else _CLASSES[plain]
+
+
+def class_of(about: Fields, key: str, default: str | None = None) -> int | None:
+    """Return the label of an object by the field with its type; None: it is no object of ours.
+
+    Args:
+        about: the object.
+        key: name of the field.
+        default: the type of objects without that field; None: it must be there.
+
+    Raises:
+        RecordingError: the field is missing, or the type is not known.
+    """
+    name = default if default is not None and key not in about else about.text(key)
+    try:
+        found = find_class(name)
+    except KeyError:
+        accepted = ", ".join(sorted((*_CLASSES, *_NO_OBJECTS)))
+        raise about.error(key, f"must be the type of an object ({accepted}), got {name!r}") from None
+    return None if found is None else int(found)
 
 
 class LabelledRows:
@@ -57,3 +105,31 @@ def join_objects(parts: Iterable[RecordedObjects]) -> RecordedObjects:
     boxes = Boxes3D.concatenate(part.boxes for part in whole)
     labels = np.concatenate([np.zeros(0, np.int64), *(part.label for part in whole)])
     return RecordedObjects(ids[kept], boxes[kept], labels[kept])
+
+
+def base_under(world_SE3_sensor: SE3, height_m: float) -> SE3:
+    """Return the upright frame on the ground under a sensor that is so high above it, x along the sensor's heading."""
+    return SE3.from_xyz_yaw(world_SE3_sensor.translation - [0.0, 0.0, height_m], world_SE3_sensor.yaw)
+
+
+def sweep_in_base(
+    base_SE3_lidar: SE3, points: NDArray[np.float32], intensity: NDArray[np.float32] | None, full_scale: float = 1.0
+) -> Sweep:
+    """Return the points of a file as a sweep in the base frame.
+
+    Args:
+        base_SE3_lidar: pose of the LiDAR, with its tilt.
+        points: (P, 3) m in the LiDAR's frame.
+        intensity: (P,) in the file's own unit; None: there is none, and all are 0.
+        full_scale: the intensity that counts as 1; larger ones do, too.
+    """
+    moved = points
+    if not _is_identity(base_SE3_lidar):
+        moved = base_SE3_lidar.apply(points).astype(np.float32)
+    count = len(points)
+    bright = np.zeros(count, np.float32) if intensity is None else np.clip(intensity / np.float32(full_scale), 0, 1)
+    return Sweep(moved, bright, np.zeros(count, np.int64))
+
+
+def _is_identity(pose: SE3) -> bool:
+    return bool((pose.rotation == np.eye(3)).all() and not pose.translation.any())

@@ -1,17 +1,149 @@
-"""The interface of folders with recordings: one subclass for each format."""
+"""Interface of folders with recordings, one subclass for each format: sequences, frames, agents and pictures."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar, Literal
 
-from coopsim.data.recordings.recorded_frame import RecordedFrame, RecordedName
-from coopsim.errors import InvalidValueError
+import numpy as np
+from numpy.typing import NDArray
+
+from coopsim.data.files.pictures import opened_picture
+from coopsim.errors import InvalidValueError, RecordingError
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.checks import require_between, require_choice, require_frame_time
+from coopsim.types import CameraCalibration, Ints, Sweep
 from coopsim.types.messages import AGENT_KINDS
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedPicture:
+    """Picture of a camera, a file that is read when asked for.
+
+    Attributes:
+        path: PNG or JPEG file.
+        calibration: calibration of the camera in this frame.
+    """
+
+    path: Path
+    calibration: CameraCalibration
+
+    def rgb(self) -> NDArray[np.uint8]:
+        """Return the pixels (H, W, 3).
+
+        Raises:
+            RecordingError: the file is missing, broken, or of another size than the camera's pictures.
+        """
+        with opened_picture(self.path) as picture:
+            pixels = np.asarray(picture.convert("RGB"))
+        if pixels.shape[:2] != self.calibration.size:
+            height, width = self.calibration.size
+            raise RecordingError(
+                f"{self.path}: a picture of {width} x {height} pixels is needed, got "
+                f"{pixels.shape[1]} x {pixels.shape[0]}"
+            )
+        return pixels
+
+
+def find_picture(path: Path, matrix: Floats, base_SE3_camera: SE3, distortion: Floats | None = None) -> RecordedPicture:
+    """Return the picture of a file, of which only the size is read.
+
+    Args:
+        path: PNG or JPEG file.
+        matrix: (3, 3), the camera's K; with a skew or another scale it is refused.
+        base_SE3_camera: its pose in the base frame, x right, y down, z forward.
+        distortion: (5,) k1, k2, p1, p2, k3; None: there is none.
+
+    Raises:
+        RecordingError: the file is missing or no picture, or the matrix is none of a camera.
+    """
+    try:
+        lens = np.zeros(5) if distortion is None else distortion
+        calibration = CameraCalibration(picture_size(path), matrix, lens, base_SE3_camera)
+    except InvalidValueError as error:
+        raise RecordingError(f"{path}: its camera's {error}") from error
+    return RecordedPicture(path, calibration)
+
+
+def picture_size(path: Path) -> tuple[int, int]:
+    """Return height and width of the picture of a file.
+
+    Raises:
+        RecordingError: the file is missing or no picture.
+    """
+    with opened_picture(path) as picture:
+        width, height = picture.size
+    return height, width
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedName:
+    """The name of an agent in a recording, and what it is.
+
+    Attributes:
+        recorded: its name there, as "641".
+        kind: "cav", "rsu" or "drone".
+    """
+
+    recorded: str
+    kind: Literal["cav", "rsu", "drone"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedObjects:
+    """N labelled objects.
+
+    Attributes:
+        id: (N,) >= 1, unique, and constant over a sequence.
+        boxes: upright boxes in the world frame.
+        label: (N,) an `ObjectClass`.
+    """
+
+    id: Ints
+    boxes: Boxes3D
+    label: Ints
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedAgent:
+    """Agent in a frame.
+
+    Attributes:
+        world_SE3_base: its pose, upright: x along its heading, on the ground under it.
+        base_SE3_lidar: pose of its LiDAR, with the tilt that it has in this frame.
+        read_sweep: returns its points in the base frame; reads a file at each call.
+        find_pictures: returns its pictures, by camera; looks for files at each call.
+        object_id: its own id among the objects; None: not known, or it is no object.
+    """
+
+    world_SE3_base: SE3
+    base_SE3_lidar: SE3
+    read_sweep: Callable[[], Sweep]
+    find_pictures: Callable[[], Mapping[str, RecordedPicture]] = dict
+    object_id: int | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedFrame:
+    """All agents at one moment, and the union of the objects that were labelled for any of them.
+
+    Attributes:
+        time_ns: since the sequence's first frame.
+        agents: agents by coopsim's names, as "cav_0".
+        objects: the labels.
+    """
+
+    time_ns: int
+    agents: Mapping[str, RecordedAgent]
+    objects: RecordedObjects
+
 
 POSE_SOURCES = ("auto", "poses", "none")
 """Sources of the agents' motion."""
@@ -24,14 +156,14 @@ POINTS = (IN_PICTURE, "all")
 
 @dataclass(frozen=True, slots=True)
 class ReadingOptions:
-    """What the files of a format leave open.
+    """Choices that the files of a format leave open.
 
     Attributes:
         frame_s: time between two recorded frames where they have no time stamps; None: the format's, 0.1 s.
         lidar_height_m: height of LiDARs over the ground where it is not in the files; a number for all agents, or one
             by kind ("cav", "rsu", "drone"); None: the format's.
         points: "picture" keeps, of KITTI's clouds, what is in the picture, as only that is labelled; "all" keeps all.
-        odometry: how the agents' motion is known: "poses", of the files; "auto", the same; "none", for a single agent
+        odometry: source of the agents' motion: "poses", of the files; "auto", the same; "none", for a single agent
             whose labels are in its own frame: as if it stood still.
 
     Raises:
@@ -65,11 +197,10 @@ class ReadingOptions:
 
 @dataclass(frozen=True)
 class RecordedSequence(ABC):
-    """One sequence of a folder. Only names of files are known before a frame is asked for.
+    """Sequence of a folder. Only names of files are known before a frame is asked for.
 
     Attributes:
-        name: of the sequence.
-        agents: what agents there are in each of its frames, by coopsim's names: "cav_0", "cav_1", ..., "rsu_0", ...
+        agents: agents in each of its frames, by coopsim's names: "cav_0", "cav_1", ..., "rsu_0", ...
         frame_s: time between two frames; those with time stamps may differ from it a little.
     """
 
@@ -93,12 +224,7 @@ class RecordedSequence(ABC):
 
 @dataclass(frozen=True)
 class RecordedFolder(ABC):
-    """A folder with sequences of one format.
-
-    Attributes:
-        path: the folder.
-        options: what its files leave open.
-    """
+    """A folder with sequences of one format."""
 
     path: Path
     options: ReadingOptions = field(default_factory=ReadingOptions)

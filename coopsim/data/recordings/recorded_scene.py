@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.data.recordings.recorded_folder import RecordedSequence
-from coopsim.data.recordings.recorded_frame import RecordedFrame, RecordedObjects
+from coopsim.data.recordings.recorded_folder import RecordedFrame, RecordedObjects, RecordedSequence
 from coopsim.geometry.boxes import Boxes3D, covers
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import look_up
@@ -23,13 +22,7 @@ _GREY = (128, 128, 128)
 
 
 class RecordedScenes:
-    """The frames of a sequence, every so many-th, as scenes.
-
-    Args:
-        sequence: of the frames.
-        every: each so many of them is shown.
-        first: number of the first one.
-    """
+    """The frames of a sequence, every so many-th, as scenes."""
 
     def __init__(self, sequence: RecordedSequence, every: int = 1, first: int = 0) -> None:
         self._sequence, self._every, self._first = sequence, every, first
@@ -98,10 +91,7 @@ def count_returns_in(boxes: Boxes3D, sweeps: Sequence[Sweep]) -> Ints:
 def returns_of(actors: Actors, bodies: Mapping[str, AgentBody], sweeps: Mapping[str, Mapping[str, Sweep]]) -> Ints:
     """Return the number of points (N, A) that each of A agents has on each of N actors, but none on itself.
 
-    Args:
-        actors: in the world frame.
-        bodies: of the agents.
-        sweeps: by agent and LiDAR, in its base frame.
+    Actors are in the world frame, sweeps (by agent and LiDAR) in the agents' base frames.
     """
     returns = np.zeros((len(actors), len(bodies)), np.int64)
     for column, (name, body) in enumerate(bodies.items()):

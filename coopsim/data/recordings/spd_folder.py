@@ -25,12 +25,19 @@ import numpy as np
 
 from coopsim.data.files.pcd import read_pcd
 from coopsim.data.recordings.file_fields import Fields, as_id, read_json
-from coopsim.data.recordings.labelled_rows import LabelledRows
-from coopsim.data.recordings.level_frames import base_under, sweep_in_base
-from coopsim.data.recordings.object_types import class_of
-from coopsim.data.recordings.recorded_folder import ReadingOptions, RecordedFolder, RecordedSequence, name_agents
-from coopsim.data.recordings.recorded_frame import RecordedAgent, RecordedFrame, RecordedName, RecordedObjects
-from coopsim.data.recordings.recorded_picture import RecordedPicture, find_picture
+from coopsim.data.recordings.labelled_rows import LabelledRows, base_under, class_of, sweep_in_base
+from coopsim.data.recordings.recorded_folder import (
+    ReadingOptions,
+    RecordedAgent,
+    RecordedFolder,
+    RecordedFrame,
+    RecordedName,
+    RecordedObjects,
+    RecordedPicture,
+    RecordedSequence,
+    find_picture,
+    name_agents,
+)
 from coopsim.errors import RecordingError
 from coopsim.geometry.se3 import SE3
 from coopsim.support.checks import require_choice
@@ -54,7 +61,7 @@ class SpdFrame:
 
     Attributes:
         number: its name, as "000012".
-        time_ns: of its cloud.
+        time_ns: time of its cloud.
         files: paths of its files by the key in `data_info.json`, relative to the side's folder.
     """
 
@@ -104,13 +111,7 @@ class SpdFolder(RecordedFolder):
 
 @dataclass(frozen=True)
 class SpdSequence(RecordedSequence):
-    """A sequence of V2X-Seq-SPD.
-
-    Attributes:
-        path: the folder.
-        pairs: its frames.
-        options: what the files leave open.
-    """
+    """A sequence of V2X-Seq-SPD."""
 
     path: Path
     pairs: Sequence[tuple[SpdFrame, SpdFrame]]

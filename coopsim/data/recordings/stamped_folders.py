@@ -26,11 +26,10 @@ _LOOKED_AT = 2000  # entries of a folder, until it is clear that it has no frame
 
 @dataclass(frozen=True)
 class StampedScenario:
-    """One scenario.
+    """Scenario: a folder of agents.
 
     Attributes:
         name: path relative to the folder that was given, or its own name if it is that folder.
-        path: of it.
     """
 
     name: str
@@ -97,12 +96,7 @@ class StampedFolder(RecordedFolder):
 
 @dataclass(frozen=True)
 class StampedSequence(RecordedSequence):
-    """A scenario of this layout as a sequence.
-
-    Attributes:
-        scenario: its files.
-        options: what these leave open.
-    """
+    """A scenario of this layout as a sequence."""
 
     scenario: StampedScenario
     options: ReadingOptions

@@ -20,14 +20,16 @@ from pathlib import Path
 import numpy as np
 
 from coopsim.data.files.pcd import read_pcd
-from coopsim.data.recordings.file_fields import Fields, as_id
-from coopsim.data.recordings.labelled_rows import LabelledRows, join_objects
-from coopsim.data.recordings.level_frames import base_under, sweep_in_base
-from coopsim.data.recordings.object_types import class_of
-from coopsim.data.recordings.recorded_folder import name_agents
-from coopsim.data.recordings.recorded_frame import RecordedAgent, RecordedFrame, RecordedName, RecordedObjects
+from coopsim.data.recordings.file_fields import Fields, as_id, read_tagged_yaml
+from coopsim.data.recordings.labelled_rows import LabelledRows, base_under, class_of, join_objects, sweep_in_base
+from coopsim.data.recordings.recorded_folder import (
+    RecordedAgent,
+    RecordedFrame,
+    RecordedName,
+    RecordedObjects,
+    name_agents,
+)
 from coopsim.data.recordings.stamped_folders import HEIGHT_M, StampedFolder, StampedSequence
-from coopsim.data.recordings.tagged_yaml import read_tagged_yaml
 from coopsim.geometry.se3 import SE3
 from coopsim.types import Sweep, seconds_to_ns
 

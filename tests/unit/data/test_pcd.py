@@ -7,8 +7,7 @@ import struct
 import numpy as np
 import pytest
 
-from coopsim.data.files.lzf import inflate_lzf
-from coopsim.data.files.pcd import encode_rgb_pcd, read_pcd
+from coopsim.data.files.pcd import encode_rgb_pcd, inflate_lzf, read_pcd
 from coopsim.errors import InvalidValueError, RecordingError
 
 POINTS = np.array([[1.5, -2.25, 0.125], [100.0, 0.0, -1.0], [3.0, 4.0, 5.0]], np.float32)

@@ -10,7 +10,7 @@ import pytest
 
 import coopsim
 from coopsim.data.export.export_card import CARD, ExportCard
-from coopsim.data.export.export_sums import SUMS, files_below
+from coopsim.data.export.folder_checks import SUMS, files_below
 from coopsim.errors import ExportError, InvalidValueError, UnknownNameError
 
 OPTIONS = {"vehicles": 6, "lidar": "VLP-16", "lidar_columns": 64}

@@ -10,7 +10,7 @@ from opv2v_reader import BODY_FROM_CAMERA, apply, boxes, load, matrix
 from PIL import Image
 
 import coopsim
-from coopsim.data.export.opv2v.opv2v_format import OBJECT_NUMBER
+from coopsim.data.export.opv2v_format import OBJECT_NUMBER
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.types import ObjectClass
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coopsim.envs.simulated.surroundings import Surroundings
+from coopsim.envs.simulated.perception import GroundTruths
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
 from coopsim.world.snapshot import Actors, AgentBody
@@ -30,7 +30,7 @@ def around(seed: int) -> tuple[dict[str, AgentBody], Actors, np.ndarray]:
 def test_every_agent_has_all_others_in_its_own_frame() -> None:
     for seed in range(20):
         bodies, actors, returns = around(seed)
-        oracles = Surroundings.of(bodies, actors, returns).oracles
+        oracles = GroundTruths.of(bodies, actors, returns).oracles
         assert list(oracles) == list(bodies)
         for k, (name, body) in enumerate(bodies.items()):
             other = actors.id != body.actor_id if body.actor_id else np.ones(COUNT, np.bool_)
@@ -44,7 +44,7 @@ def test_every_agent_has_all_others_in_its_own_frame() -> None:
 
 def test_what_counts_is_in_the_region_and_seen_by_some_agent() -> None:
     bodies, actors, returns = around(0)
-    surroundings = Surroundings.of(bodies, actors, returns)
+    surroundings = GroundTruths.of(bodies, actors, returns)
     some, everything = (surroundings.truths(REGION_M, all_count=all_count) for all_count in (False, True))
     for k, (name, body) in enumerate(bodies.items()):
         other = actors.id != body.actor_id if body.actor_id else np.ones(COUNT, np.bool_)

@@ -1,26 +1,80 @@
-"""The replay of recordings with sweeps: the same perception, messages and scores as in the simulation."""
+"""Replay of recordings with sweeps: the same perception, messages and scores as in the simulation."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
-from coopsim.data.recordings.recorded_folder import RecordedFolder, RecordedSequence
-from coopsim.data.recordings.recorded_frame import RecordedAgent, RecordedFrame
+from coopsim.data.recordings.recorded_folder import (
+    ReadingOptions,
+    RecordedAgent,
+    RecordedFolder,
+    RecordedFrame,
+    RecordedSequence,
+)
 from coopsim.data.recordings.recorded_scene import RecordedScenes, returns_of
-from coopsim.envs.frames import AgentFrame, Frame, FrameProbe, FrameSource
-from coopsim.envs.recorded.recorded_options import RecordedOptions
-from coopsim.envs.simulated.perception import Perception
-from coopsim.envs.simulated.surroundings import Surroundings
+from coopsim.envs.frames import Frame, FrameProbe, FrameSource
+from coopsim.envs.options import PerceptionOptions
+from coopsim.envs.simulated.perception import Perception, observation_format
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.geometry.se3 import SE3
-from coopsim.support.checks import require_choice
+from coopsim.sensors.camera.rig_names import rig_camera_names
+from coopsim.support.checks import require_choice, require_count, require_frame_time
 from coopsim.types import AgentSpec, CameraImage, LidarMounting, Sweep, seconds_to_ns
 from coopsim.types.messages import AGENT_KINDS
-from coopsim.wire.observation_format import ObservationFormat
 from coopsim.world.snapshot import RoadMap
+
+LEARNED = "pillars"
+"""Name of the detector of replays that are given none; it needs torch."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedOptions(PerceptionOptions):
+    """Options of a replay of recordings with sweeps.
+
+    Attributes:
+        max_cycles: frames of an episode; None: all of the sequence.
+        dt_s: time between two frames, a multiple of the recording's; None: the recording's.
+        frame_s: time between two recorded frames where the files have no time stamps; None: the format's, 0.1 s.
+        lidar_height_m: height of LiDARs over the ground where the files do not say it; a number, or one by kind.
+        odometry: "poses" or "auto" (of the files), or "none" (for one agent alone, as if it stood still).
+        points: points of KITTI that are kept: "picture" (points in the picture, as only these are labelled) or "all".
+        cameras: put the recorded pictures into the observations; the name of a rig, as policies say what they need,
+            means the same: a recording has the cameras that it has.
+
+    Simulated detectors are given the labels, and the number of points in each box; errors of poses are added to the
+    recorded ones; "visible" objects are those with a point in their box.
+
+    Raises:
+        InvalidValueError, UnknownNameError: a value is not accepted.
+    """
+
+    max_cycles: int | None = None
+    dt_s: float | None = None
+    frame_s: float | None = None
+    lidar_height_m: float | Mapping[str, float] | None = None
+    odometry: str = "auto"
+    points: str = "picture"
+    cameras: bool | str = False
+
+    def __post_init__(self) -> None:
+        if self.max_cycles is not None:
+            require_count(1, max_cycles=self.max_cycles)
+        if self.dt_s is not None:
+            require_frame_time(self.dt_s)
+        self.check_scored()
+        rig_camera_names(self.cameras)
+        self.reading  # noqa: B018  (its own checks run now)
+        self.check_perception(LEARNED, lidar=True, cameras=bool(self.cameras))
+
+    @property
+    def reading(self) -> ReadingOptions:
+        """Choices that the files leave open."""
+        return ReadingOptions(self.frame_s, self.lidar_height_m, self.odometry, self.points)
+
 
 LIDAR = "lidar"
 """Name of an agent's LiDAR, whose points are all that a recording has of the agent, of however many LiDARs."""
@@ -42,11 +96,6 @@ class SensorReplay(FrameSource):
     `rsu_0`. The environment's possible agents are those of the sequence with the most of each kind; an episode has
     those of its sequence, and says in its infos what the recording calls them.
 
-    Args:
-        name: the environment's id.
-        folder: the recordings.
-        options: how they are shown, detected in and scored.
-
     Raises:
         InvalidValueError: `dt_s` is no multiple of the recordings' time between frames.
         RecordingError: an agent's name is broken; with cameras also: a sequence's first frame.
@@ -65,22 +114,8 @@ class SensorReplay(FrameSource):
         self._folder, self._options = folder, options
         self._longest = _longest_casts(folder)
         self._every, self._dt_s = _pace(folder.frame_s, options.dt_s)
-        if isinstance(options.localization, Mapping):
-            for agent in options.localization:
-                require_choice("agent in localization", agent, self._longest)
         self.specs = self._usual_specs()
-        self.format = ObservationFormat(
-            agents=tuple(self.specs),
-            lidars=dict.fromkeys(self.specs, (LIDAR,)),
-            cameras={
-                agent: {camera: calibration.size for camera, calibration in spec.cameras.items()}
-                for agent, spec in self.specs.items()
-            },
-            camera_modes=("rgb",),
-            embedding_dim=options.embedding_dim,
-            detection_covariances=options.chosen_detector.states_covariance,
-            pose_covariances=any(options.localization_of(each).covariance_scale is not None for each in self.specs),
-        )
+        self.format = observation_format(self.specs, options, ("rgb",))
 
     @property
     def sequences(self) -> tuple[str, ...]:
@@ -134,10 +169,8 @@ class SensorReplay(FrameSource):
         time_ns = frame.time_ns + (seconds_to_ns(self._dt_s) if over else 0)
         sweeps = {name: {LIDAR: Sweep.empty() if over else agent.read_sweep()} for name, agent in frame.agents.items()}
         images = {name: self._images(name, agent, over=over) for name, agent in frame.agents.items()}
-        around = Surroundings.of(bodies, actors, returns_of(actors, bodies, sweeps))
-        observations = self._perception.observe(time_ns, around.oracles, sweeps, images, sensed=not over)
-        truths = around.truths(self._options.region_m, all_count=self._options.ground_truth == "all")
-        agents = {name: AgentFrame(observations[name], bodies[name], truth) for name, truth in truths.items()}
+        returns = returns_of(actors, bodies, sweeps)
+        agents = self._perception.frames(time_ns, bodies, actors, returns, sweeps, images, sensed=not over)
         return Frame(time_ns, agents, actors, over, PictureProbe(frame))
 
     def _usual_specs(self) -> dict[str, AgentSpec]:
@@ -184,11 +217,7 @@ class SensorReplay(FrameSource):
 
 
 class PictureProbe(FrameProbe):
-    """The pictures of a frame, read when asked for.
-
-    Args:
-        frame: has them.
-    """
+    """The pictures of a frame, read when asked for."""
 
     def __init__(self, frame: RecordedFrame) -> None:
         self._frame = frame

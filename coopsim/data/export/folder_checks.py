@@ -1,16 +1,71 @@
-"""The checksums of an export: every file with its SHA-256, as the command `sha256sum` writes and checks them."""
+"""Checks of exported folders: checksums, and whether the format's reader takes every file."""
 
 from __future__ import annotations
 
 import hashlib
 import os
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
-from coopsim.data.export.problem import Problem
+from coopsim.errors import RecordingError
 from coopsim.support.files import LOCK, write_whole
 
 SUMS = "SHA256SUMS"
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """A fault in an exported folder.
+
+    Attributes:
+        file: path relative to the folder; empty: the folder as a whole.
+        field: key, column or part in the file; empty: the file as a whole, or `reason` names it.
+        reason: the fault, and what is accepted.
+    """
+
+    file: str
+    field: str
+    reason: str
+
+    def __str__(self) -> str:
+        return ": ".join(filter(None, (self.file, self.field, self.reason)))
+
+
+def check_by_reading(folder: Path, name: str) -> Iterator[Problem]:
+    """Yield the faults at which the reader of recordings of format `name` stops, each once, one a frame at most."""
+    # The readers are loaded when something is checked: writing needs none.
+    from coopsim.data.recordings.find_format import open_folder
+
+    try:
+        opened = open_folder(folder, name=name)
+        sequences = [opened.open(each) for each in opened.sequences]
+    except RecordingError as error:
+        yield _as_problem(folder, error)
+        return
+    told: set[Problem] = set()
+    for sequence in sequences:
+        for number in range(sequence.frames):
+            try:
+                for agent in sequence.frame(number).agents.values():
+                    agent.read_sweep()
+                    for picture in agent.find_pictures().values():
+                        picture.rgb()
+            except RecordingError as error:
+                problem = _as_problem(folder, error)
+                if problem not in told:
+                    yield problem
+                told.add(problem)
+
+
+def _as_problem(folder: Path, error: RecordingError) -> Problem:
+    """Return an error of reading as the file, relative to the folder, and the rest of its message."""
+    before, found, after = str(error).partition(f"{folder}{os.sep}")
+    if not found:
+        return Problem("", "", str(error))
+    place, _, reason = after.partition(": " if ": " in after else " ")
+    file, _, line = place.partition(", ")
+    return Problem(file, line, ": ".join(filter(None, (before.strip(), reason))))
 
 
 def write_sums(folder: Path, unlisted: Collection[str]) -> tuple[int, int]:

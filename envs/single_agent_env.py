@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from coopsim.agents.policy import Policy
 from coopsim.envs.parallel import CooperativeEnv
-from coopsim.envs.single.cast import Cast, Others, PolicyLike
-from coopsim.envs.single.provision import make_provided
+from coopsim.envs.roles import Others, PolicyLike, Roles, make_provided
 from coopsim.errors import CoopsimError, EpisodeStateError, InvalidValueError
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import derived_seed, require_seed
@@ -41,7 +40,7 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
     Attributes:
         parallel: the environment of all agents: its `score()`, `agent_specs`, `bev_frame()` and more.
         ego: name of the agent that acts.
-        policies: of the agents that have one; of the ego it is the tracker.
+        policies: policies of the agents that have one; the ego's is the tracker.
 
     Args:
         environment: name of the environment or path of a scenario file, see `coopsim.parallel_env`.
@@ -50,7 +49,7 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
             to either, or None. Agents without a policy report nothing. Agents with equal specs share one policy. A
             `Policy` is copied, so that two environments never share its state.
         tracker: a policy that reports the ego's tracks, so that the learner only drives; needs `control="policy"`.
-        **options: of the environment, see `coopsim.parallel_env`.
+        **options: options of the environment, see `coopsim.parallel_env`.
 
     Raises:
         UnknownNameError: no such environment, ego, agent, policy or option; the message lists the close ones.
@@ -74,11 +73,11 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         tracker: PolicyLike = None,
         **options: Any,
     ) -> None:
-        cast = Cast.make(tracker, others)
-        self.parallel, broadcasts = make_provided(environment, cast.roles, options)
+        roles = Roles.make(tracker, others)
+        self.parallel, broadcasts = make_provided(environment, roles.by_name, options)
         try:
             self.ego = _chosen_ego(self.parallel, ego)
-            self.policies = _assigned(cast, self.parallel.possible_agents, self.ego)
+            self.policies = _assigned(roles, self.parallel.possible_agents, self.ego)
             specs = self.parallel.agent_specs
             if tracker is not None and not specs[self.ego].drives:
                 raise InvalidValueError(
@@ -106,10 +105,10 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
 
         Args:
             seed: integer >= 0 that decides everything: this episode, and those of the calls without a seed after it.
-            options: as of `CooperativeEnv.reset`.
+            options: options of `CooperativeEnv.reset`.
 
         Raises:
-            CoopsimError: as `CooperativeEnv.reset` does.
+            CoopsimError: `CooperativeEnv.reset` refuses it.
             EpisodeStateError: the ego is not in the episode's first frame.
         """
         if seed is not None:
@@ -193,13 +192,13 @@ def _chosen_ego(env: CooperativeEnv, ego: object) -> str:
     return str(ego)
 
 
-def _assigned(cast: Cast, agents: list[str], ego: str) -> dict[str, Policy]:
+def _assigned(roles: Roles, agents: list[str], ego: str) -> dict[str, Policy]:
     """Return the policies by agent."""
-    for agent in cast.others:
+    for agent in roles.others:
         if agent == ego:
             raise InvalidValueError(f"others must not have the ego {ego!r}, which acts itself; tracker= can help it")
         require_choice("agent in others", agent, agents)
-    assigned = {agent: cast.of(agent, ego=ego) for agent in agents}
+    assigned = {agent: roles.of(agent, ego=ego) for agent in agents}
     return {agent: policy for agent, policy in assigned.items() if policy is not None}
 
 

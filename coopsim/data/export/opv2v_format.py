@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.data.export.export_format import EXPORT_FORMATS, ExportFormat, require_lidar
-from coopsim.data.export.export_frame import CameraShot, ExportAgent, ExportFrame, LidarScan
-from coopsim.data.export.export_plan import ExportPlan
-from coopsim.data.export.opv2v.opv2v_checks import check_opv2v
-from coopsim.data.export.problem import Problem
+from coopsim.data.export.export_frame import CameraShot, ExportAgent, ExportFrame, ExportPlan, LidarScan
 from coopsim.data.files.carla_axes import CAMERA_SE3_BODY, mirror, mirror_transform, to_carla_pose
 from coopsim.data.files.pcd import encode_rgb_pcd
 from coopsim.data.files.pictures import encode_png
@@ -41,6 +38,8 @@ class Opv2vFormat(ExportFormat):
     Args:
         lidar: name of the LiDAR whose points are written; None: the first of each agent.
     """
+
+    reader = "opv2v"
 
     def __init__(self, lidar: str | None = None) -> None:
         self._lidar = lidar
@@ -72,9 +71,6 @@ class Opv2vFormat(ExportFormat):
             lines = _agent_lines(frame, agent, scan, cameras)
             lines += _listed("vehicles", objects, seen & is_vehicle) + _listed("others", objects, seen & ~is_vehicle)
             write_whole(folder / f"{stem}.yaml", "\n".join(lines) + "\n")
-
-    def check(self, folder: Path) -> Iterator[Problem]:
-        return check_opv2v(folder)
 
 
 def agent_numbers(agents: Sequence[ExportAgent]) -> dict[str, int]:

@@ -11,11 +11,10 @@ from importlib.util import find_spec
 import pytest
 
 from coopsim.agents.policy import Policy
+from coopsim.bench.nuscenes_results import DETECTION, TRACKING, score_results, write_results
 from coopsim.cli.entry import main
 from coopsim.data.export.export_run import export
-from coopsim.data.export.nuscenes_tables.nuscenes_names import SPLIT, VERSION
-from coopsim.data.export.nuscenes_tables.nuscenes_results import DETECTION, TRACKING, write_results
-from coopsim.data.export.nuscenes_tables.nuscenes_score import score_results
+from coopsim.data.export.nuscenes_records import SPLIT, VERSION
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.types import Tracks
 

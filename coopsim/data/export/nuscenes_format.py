@@ -1,31 +1,32 @@
-"""nuScenes: tables and sensor files, one scene per episode and agent; docs/reference/export.md has every field."""
+"""nuScenes: one scene per episode and agent, and checks of such folders; docs/reference/export.md has every field."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from coopsim.data.export.export_format import EXPORT_FORMATS, ExportFormat, require_lidar
-from coopsim.data.export.export_frame import ExportFrame
-from coopsim.data.export.export_plan import ExportPlan
-from coopsim.data.export.nuscenes_tables.annotation_records import Records
-from coopsim.data.export.nuscenes_tables.nuscenes_checks import check_nuscenes
-from coopsim.data.export.nuscenes_tables.nuscenes_names import (
+from coopsim.data.export.export_frame import ExportFrame, ExportPlan
+from coopsim.data.export.folder_checks import Problem
+from coopsim.data.export.nuscenes_records import (
     SPLIT,
     VERSION,
+    Records,
+    SceneRecords,
     camera_channel,
     fixed_tables,
     lidar_channel,
     scene_name,
 )
-from coopsim.data.export.nuscenes_tables.scene_records import SceneRecords
-from coopsim.data.export.problem import Problem
 from coopsim.data.export.record_parts import RecordParts, as_line, token
-from coopsim.data.files.pictures import encode_png
-from coopsim.errors import InvalidValueError
+from coopsim.data.files.pcd import read_float_points
+from coopsim.data.files.pictures import encode_png, opened_picture
+from coopsim.data.recordings.file_fields import read_json
+from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.support.checks import require_choice, require_positive
 from coopsim.support.files import make_folder, write_whole, write_whole_bytes
 from coopsim.types import AgentSpec
@@ -46,7 +47,7 @@ class NuscenesFormat(ExportFormat):
     Args:
         agent: name of the only agent to export; None: all, a scene each.
         key_frame_s: time between two key frames, which alone have annotations and results; in between are sweeps.
-        points: which returns `num_lidar_pts` counts, by which the official tools choose what is scored: of "all"
+        points: returns that `num_lidar_pts` counts, by which the official tools choose what is scored: of "all"
             agents, so that what only others see counts, as in coopsim; or the scene's "own" agent's.
     """
 
@@ -133,3 +134,91 @@ class NuscenesFormat(ExportFormat):
     def _append(self, records: Records) -> None:
         for name, each in records.items():
             self._tables.append(f"{VERSION}/{name}", each)
+
+
+LINKS: Mapping[str, Mapping[str, str]] = {
+    "map": {"log_tokens": "log"},
+    "scene": {"log_token": "log", "first_sample_token": "sample", "last_sample_token": "sample"},
+    "calibrated_sensor": {"sensor_token": "sensor"},
+    "sample": {"scene_token": "scene", "prev": "sample", "next": "sample"},
+    "sample_data": {
+        "sample_token": "sample",
+        "ego_pose_token": "ego_pose",
+        "calibrated_sensor_token": "calibrated_sensor",
+        "prev": "sample_data",
+        "next": "sample_data",
+    },
+    "sample_annotation": {
+        "sample_token": "sample",
+        "instance_token": "instance",
+        "visibility_token": "visibility",
+        "attribute_tokens": "attribute",
+        "prev": "sample_annotation",
+        "next": "sample_annotation",
+    },
+    "instance": {
+        "category_token": "category",
+        "first_annotation_token": "sample_annotation",
+        "last_annotation_token": "sample_annotation",
+    },
+}
+"""Fields that hold a token of another table, or a list of them."""
+
+_MAY_BE_EMPTY = ("prev", "next")
+
+
+TABLES = (*LINKS, "ego_pose", "category", "attribute", "visibility", "sensor", "log")
+
+
+def check_nuscenes(folder: Path) -> Iterator[Problem]:
+    """Yield what is wrong in a folder with tables in `v1.0-...`, `samples` and `sweeps`."""
+    versions = sorted(path for path in folder.glob("v1.0-*") if path.is_dir())
+    if not versions:
+        yield Problem("", "", "there are no tables: DIR must hold a folder v1.0-...")
+    for version in versions:
+        yield from _check_version(folder, version.name)
+
+
+def _check_version(folder: Path, version: str) -> Iterator[Problem]:
+    tokens: dict[str, set[str]] = {}
+    for name in TABLES:  # one table at a time: they may be large
+        file, tokens[name] = f"{version}/{name}.json", set()
+        try:
+            records = _records(folder / file)
+        except RecordingError as error:
+            yield Problem(file, "", str(error).replace(f"{folder / file}", "the file"))
+            continue
+        for number, record in enumerate(records):
+            token, filename = record.get("token"), record.get("filename")
+            if not isinstance(token, str) or not token or token in tokens[name]:
+                yield Problem(file, f"[{number}].token", f"must be a text that stands once, got {token!r}")
+            tokens[name].add(str(token))
+            if isinstance(filename, str) and filename:
+                yield from _check_file(folder, filename)
+    for name, links in LINKS.items():
+        file = f"{version}/{name}.json"
+        for number, record in enumerate(_records(folder / file) if tokens[name] else ()):
+            for field, other in links.items():
+                value = record.get(field)
+                for each in value if isinstance(value, list) else [value]:
+                    if str(each) not in tokens[other] and not (each == "" and field in _MAY_BE_EMPTY):
+                        yield Problem(file, f"[{number}].{field}", f"must be a token of {other}.json, got {each!r}")
+
+
+def _records(path: Path) -> list[Mapping[str, Any]]:
+    records = read_json(path)
+    if not (isinstance(records, list) and all(isinstance(each, Mapping) for each in records)):
+        raise RecordingError(f"{path} must be a list of records")
+    return records
+
+
+def _check_file(folder: Path, name: str) -> Iterator[Problem]:
+    path = folder / name
+    try:
+        if name.endswith(".bin"):
+            read_float_points(path, 5)
+        else:
+            with opened_picture(path) as picture:
+                picture.load()
+    except RecordingError as error:
+        yield Problem(name, "", str(error).removeprefix(f"{path}: ").replace(f"{path}", "the file"))

@@ -1,1 +1,0 @@
-"""Exports as sequences of KITTI's tracking benchmark."""

@@ -1,1 +1,0 @@
-"""Exports as nuScenes' tables, and results of policies for its official tools."""

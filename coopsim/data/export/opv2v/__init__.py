@@ -1,1 +1,0 @@
-"""OPV2V, and V2XSet, which has the same files."""

@@ -1,1 +1,0 @@
-"""One agent acts, as gymnasium has it; the others follow given policies."""
