@@ -1,64 +1,53 @@
-"""Cooperative-perception policies, one short file per documented method. Importing registers them."""
+"""Policies: from each agent's observation to the tracks that it reports.
+
+Read `policy` (the interface), then `tracking_policy` (the base of all that track boxes), then `perceiving_policy` (that
+of all with a network). A method of your own stands beside its like in `boxes`, `appearance`, `maps` or `queries`, or in
+a file of its own like `coop_fuse`. Importing this package registers all policies.
+"""
+
+import sys
+import warnings
+from types import ModuleType
+from typing import Any
 
 from coopsim.agents import (
-    ab3dmot_policy,
-    attfuse_policy,
-    cobevt_policy,
+    appearance,
+    boxes,
     coop_fuse,
-    cooptrack_policy,
-    dino_codt,
-    dino_codt_tracking,
-    disconet_policy,
-    dmstrack,
     early_fusion,
-    fcooper_policy,
-    ff_tracking_policy,
     graph_lap,
-    gsaf_policy,
-    hungarian_fusion,
-    late_fusion,
-    pyramid_policy,
-    sequential_kf,
+    maps,
+    queries,
     track_to_track,
-    univ2x_policy,
-    v2vnet_policy,
-    v2x_vit_policy,
-    vic_fscm_association,
     vic_integrated,
-    where2comm_policy,
-    yoloo,
-    yoloo_geometry,
 )
 from coopsim.agents.policy import Needs, Policy
 
 __all__ = [
     "Needs",
     "Policy",
-    "ab3dmot_policy",
-    "attfuse_policy",
-    "cobevt_policy",
+    "appearance",
+    "boxes",
     "coop_fuse",
-    "cooptrack_policy",
-    "dino_codt",
-    "dino_codt_tracking",
-    "disconet_policy",
-    "dmstrack",
     "early_fusion",
-    "fcooper_policy",
-    "ff_tracking_policy",
     "graph_lap",
-    "gsaf_policy",
-    "hungarian_fusion",
-    "late_fusion",
-    "pyramid_policy",
-    "sequential_kf",
+    "maps",
+    "queries",
     "track_to_track",
-    "univ2x_policy",
-    "v2vnet_policy",
-    "v2x_vit_policy",
-    "vic_fscm_association",
     "vic_integrated",
-    "where2comm_policy",
-    "yoloo",
-    "yoloo_geometry",
 ]
+
+
+class _OldModule(ModuleType):
+    """Old name of a module of policies, for one release."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        value = getattr(boxes, name)
+        warnings.warn(f"{self.__name__} is now {boxes.__name__}", DeprecationWarning, stacklevel=2)
+        return value
+
+
+for _old in ("ab3dmot_policy", "late_fusion"):
+    sys.modules[f"{__name__}.{_old}"] = _OldModule(f"{__name__}.{_old}")

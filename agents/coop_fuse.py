@@ -46,7 +46,7 @@ LIKELIHOOD = Likelihood(bias=-3.2374, mean=3.9501, latest=4.0049, young=-1.2192,
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """What `coop_fuse` has learned of one detector: see the fields of these names there."""
+    """Parameters learned for the boxes of one detector; see the fields of these names in `CoopFuse`."""
 
     doubt: SourceOdds
     hearsay: SourceOdds
@@ -113,7 +113,7 @@ class CoopFuse(TrackingPolicy):
         least: smallest probability of a reported track, in [0, 1].
         age: frames without a detection until a track is dropped.
         doubt: log odds that the other of two agents' boxes is right.
-        hearsay: the same for an object that the receiver does not detect, against registration's expectation.
+        hearsay: log odds of an object that the receiver does not detect, against registration's expectation.
         calibration: probability that a box is on an object.
         likelihood: probability that a track is on an object.
     """

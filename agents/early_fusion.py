@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from coopsim.agents.perceiving_policy import Heard, PerceivingPolicy
+from coopsim.agents.perceiving_policy import PerceivingPolicy, Received
 from coopsim.agents.policy import Needs
 from coopsim.catalog import POLICIES
 from coopsim.comms.envelope import decode_points
@@ -34,7 +34,7 @@ _NEEDS = {
     "points": Needs(uplink="points", lidar=True),
     "both": Needs(uplink="points", lidar=True, cameras="surround", any_rig=True),
 }
-"""What the agents must have, by the word for `sensors`."""
+"""Requirements on the agents, by `sensors`."""
 
 
 @POLICIES.register("early", alias="concat")
@@ -47,9 +47,9 @@ class EarlyFusion(PerceivingPolicy):
     Detection and Tracking Framework for 3D Multi-Object Tracking in Vehicle-Infrastructure Cooperation", Table I).
 
     Attributes:
-        sensors: what a receiver looks at: "points", or "both": all points together with its own pictures, in which the
+        sensors: the receiver's input, "points" or "both": all points together with its own pictures, in which the
             points of all agents measure depths (DINO-CoDT's depth mask).
-        picture_weights: of the network on both.
+        picture_weights: name or path of the weights of the network on both.
     """
 
     needs = _NEEDS["points"]
@@ -63,7 +63,7 @@ class EarlyFusion(PerceivingPolicy):
         require_choice("sensors", self.sensors, _NEEDS)
         self.needs = _NEEDS[self.sensors]
         from coopsim.learn.weights import load_detector, load_points_and_pictures
-        from coopsim.nn.inference.cloud_detector import CloudAndPicturesDetector, CloudDetector
+        from coopsim.nn.inference.detectors import CloudAndPicturesDetector, CloudDetector
 
         self._own: dict[str, Points] = {}
         self._pictures: dict[str, list[SeenPicture]] = {}
@@ -91,10 +91,10 @@ class EarlyFusion(PerceivingPolicy):
             raise CodecError(f"points must be within 100 km of their sender, got one at {cloud.extent_m:g} m")
         return cloud
 
-    def find(self, agent: str, observation: Observation, heard: Sequence[Heard]) -> Detections:
+    def find(self, agent: str, observation: Observation, received: Sequence[Received]) -> Detections:
         heading_rad = float(observation.pose.xyz_yaw[3])
         clouds = [self._own[agent]]
-        clouds += [aged(each.content.transform(self.compass_SE3_sender(agent, observation, each))) for each in heard]
+        clouds += [aged(each.content.transform(self.compass_SE3_sender(agent, observation, each))) for each in received]
         points, pictures = np.concatenate(clouds), self._pictures[agent]
         return self._detect(points, pictures, self.region_m, heading_rad, self.least_score)
 
@@ -105,6 +105,6 @@ class EarlyFusion(PerceivingPolicy):
     def _pictures_of(self, view: SensorView) -> list[SeenPicture]:
         if self.sensors == "points":
             return []
-        from coopsim.nn.inference.quick_pictures import pictures_of
+        from coopsim.nn.inference.encoders import pictures_of
 
         return pictures_of(view)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from coopsim.agents.ab3dmot_policy import AB3DMOTTracking
+from coopsim.agents.boxes import AB3DMOTTracking
 from coopsim.catalog import POLICIES
 from coopsim.fusion.laplacian import anchors_aos, anchors_tsa, group, nearest_graph, refine, refine_sparse
 from coopsim.geometry.assignment import hungarian
@@ -96,7 +96,7 @@ class GraphLapAOS(GraphLap):
 @POLICIES.register("graph_lap_tsa")
 @dataclass(kw_only=True, eq=False)
 class GraphLapTSA(GraphLap):
-    """One stage per agent, anchored at that agent's boxes (eq. 12-13): the senders' first, then the receiver's.
+    """A stage per agent, anchored at that agent's boxes (eq. 12-13): the senders' first, then the receiver's.
 
     Later stages only extend tracks that the stages before missed (algorithm 1, lines 18-20). In the paper they begin
     tracks, too (line 21); not here, because every box stands in every stage, so each would begin another track of an

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from coopsim.agents.perceiving_policy import Heard, PerceivingPolicy
+from coopsim.agents.perceiving_policy import PerceivingPolicy, Received
 from coopsim.agents.policy import Needs
 from coopsim.comms.envelope import decode_features
 from coopsim.comms.uplinks.once_per_frame import EncodeOnce
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from coopsim.nn.cooperative.cooperative_net import CooperativeNet
+    from coopsim.nn.cooperative.flow_sender import FlowSender
+    from coopsim.nn.cooperative.perceiver import OwnMap, Perceiver, ReceivedMap
     from coopsim.nn.detector.detector_net import DetectorNet
-    from coopsim.nn.inference.agent_encoder import AgentEncoder
-    from coopsim.nn.inference.flow_sender import FlowSender
-    from coopsim.nn.inference.perceiver import OwnMap, Perceiver, ReceivedMap
+    from coopsim.nn.inference.encoders import SensorEncoder
 
 DENSE, SPARSE = "features(number=int8)", "sparse_features(most_cells=20000, number=int8)"
 """Codecs: all cells, and as many of the surest ones as a budget has room for."""
@@ -37,7 +37,7 @@ _NEEDS = {
     "both": Needs(uplink="features", lidar=True, cameras="surround", any_rig=True),
     "mixed": Needs(uplink="features"),
 }
-"""What the agents must have, by the word for `sensors`."""
+"""Requirements on the agents, by `sensors`."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -50,11 +50,11 @@ class LearnedFusion(PerceivingPolicy):
     correction of poses by objects that several agents see, is then that of CoAlign (Lu et al., ICRA 2023).
 
     Attributes:
-        detector_weights: of the encoder of points, which must be the one that the fusion was trained on.
-        sensors: what agents encode: "points", "pictures", "both" together, or "mixed": each agent its points if it has
-            a LiDAR, else its pictures. One with neither sees nothing by itself, and hears the others.
-        picture_weights: of the encoder of pictures, or of both, which must have been trained beside that of points;
-            None: "points_and_pictures" for both, else "lift_splat".
+        detector_weights: name or path of the point encoder's weights, the ones that the fusion was trained on.
+        sensors: input of the encoders, "points", "pictures", "both" together, or "mixed": each agent its points if it
+            has a LiDAR, else its pictures. An agent with neither detects nothing by itself.
+        picture_weights: name or path of the weights of the encoder of pictures, or of both, trained beside that of
+            points; None: "points_and_pictures" for both, else "lift_splat".
     """
 
     needs = _NEEDS["points"]
@@ -69,7 +69,7 @@ class LearnedFusion(PerceivingPolicy):
         require_choice("sensors", self.sensors, _NEEDS)
         self.needs = _NEEDS[self.sensors]
         from coopsim.learn.weights import digest, load_detector
-        from coopsim.nn.inference.perceiver import KINDS, Perceiver
+        from coopsim.nn.cooperative.perceiver import KINDS, Perceiver
 
         detector = load_detector(self.detector_weights)
         net = self.load_net(detector)
@@ -94,7 +94,7 @@ class LearnedFusion(PerceivingPolicy):
 
         return load_cooperative(self.weights, detector)
 
-    def make_encoder(self, detector: DetectorNet) -> AgentEncoder:
+    def make_encoder(self, detector: DetectorNet) -> SensorEncoder:
         """Return the encoder of what agents' sensors give, by `sensors`; `detector` has that of points.
 
         Raises:
@@ -102,7 +102,7 @@ class LearnedFusion(PerceivingPolicy):
             InvalidValueError: they are broken, or were trained beside another encoder.
         """
         from coopsim.learn.weights import load_pictures, load_points_and_pictures
-        from coopsim.nn.inference.agent_encoder import BothEncoder, MixedEncoder, PictureEncoder, PointEncoder
+        from coopsim.nn.inference.encoders import BothEncoder, MixedEncoder, PictureEncoder, PointEncoder
 
         if self.sensors == "points":
             return PointEncoder(detector, self._backend)
@@ -114,7 +114,7 @@ class LearnedFusion(PerceivingPolicy):
 
     def make_flow(self, net: CooperativeNet) -> FlowSender | None:
         """Return what adds to an agent's map how it changes, if the network has learned that; None: nothing does."""
-        from coopsim.nn.inference.flow_sender import FlowSender
+        from coopsim.nn.cooperative.flow_sender import FlowSender
 
         return None if net.flow is None else FlowSender(net.flow, self._backend)
 
@@ -137,12 +137,12 @@ class LearnedFusion(PerceivingPolicy):
     def decode(self, message: Message) -> ReceivedMap:
         return self._perceiver.receive(decode_features(message))
 
-    def find(self, agent: str, observation: Observation, heard: Sequence[Heard]) -> Detections:
-        return self._perceiver.detect(*self.fused(agent, observation, heard), self.least_score)
+    def find(self, agent: str, observation: Observation, received: Sequence[Received]) -> Detections:
+        return self._perceiver.detect(*self.fused(agent, observation, received), self.least_score)
 
-    def fused(self, agent: str, observation: Observation, heard: Sequence[Heard]) -> tuple[Tensor, BevGrid]:
-        """Return the features (64, H, W) that an agent makes of its own map and what it heard, and their cells."""
-        from coopsim.nn.inference.perceiver import PlacedMap
+    def fused(self, agent: str, observation: Observation, received: Sequence[Received]) -> tuple[Tensor, BevGrid]:
+        """Return the features (64, H, W) that an agent makes of its own map and what it received, and their cells."""
+        from coopsim.nn.cooperative.perceiver import PlacedMap
 
         perceiver, pose = self._perceiver, observation.pose.xyz_yaw
         own = self._encode(observation.view(self.specs[agent]))
@@ -154,7 +154,7 @@ class LearnedFusion(PerceivingPolicy):
                 each.delay_s(observation.time_ns),
                 self._kind(each.message.sender),
             )
-            for each in heard
+            for each in received
         ]
         return perceiver.fuse(own, region, placed, self._kind(agent)), region
 
@@ -162,10 +162,10 @@ class LearnedFusion(PerceivingPolicy):
         found = self._perceiver.detect(self._perceiver.alone(content), content.content.grid, self.least_score)
         return found.transform(SE3.from_xyz_yaw(np.zeros(3), -heading_rad))
 
-    def _sender_SE2_receiver(self, agent: str, observation: Observation, heard: Heard) -> Any:
+    def _sender_SE2_receiver(self, agent: str, observation: Observation, received: Received) -> Any:
         """Return the receiver's compass frame now in the sender's at capture, as (3,): x m, y m, yaw rad."""
-        sender_SE3_compass = self.compass_SE3_sender(agent, observation, heard).inverse()
-        compass_SE3_sender = SE3.from_xyz_yaw(np.zeros(3), float(heard.message.pose.xyz_yaw[3]))
+        sender_SE3_compass = self.compass_SE3_sender(agent, observation, received).inverse()
+        compass_SE3_sender = SE3.from_xyz_yaw(np.zeros(3), float(received.message.pose.xyz_yaw[3]))
         return stack_xyz_yaw(compass_SE3_sender.compose(sender_SE3_compass))[[0, 1, 3]]
 
     def _kind(self, sender: str) -> int:
@@ -173,10 +173,9 @@ class LearnedFusion(PerceivingPolicy):
 
 
 def _encoded(
-    encoder: AgentEncoder, perceiver: Perceiver, flow: FlowSender | None, views: Mapping[str, SensorView]
+    encoder: SensorEncoder, perceiver: Perceiver, flow: FlowSender | None, views: Mapping[str, SensorView]
 ) -> dict[str, OwnMap]:
     """Return the maps of several agents, made side by side."""
-    looks = [encoder.look(view) for view in views.values()]
-    places = [np.zeros(2) if view.pose is None else view.pose.xyz_yaw[:2] for view in views.values()]
-    maps = dict(zip(views, perceiver.encode(looks, places), strict=True))
+    frames = [encoder.take(view) for view in views.values()]
+    maps = dict(zip(views, perceiver.encode(frames), strict=True))
     return maps if flow is None else flow.add(views, maps)

@@ -10,11 +10,11 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from coopsim.agents.tracking_policy import TrackingPolicy, within_reach
+from coopsim.agents.tracking_policy import TrackingPolicy, nearby_messages
 from coopsim.catalog import POLICIES, make_policy
 from coopsim.config.spec import parse_spec
 from coopsim.errors import InvalidValueError
@@ -33,12 +33,12 @@ _MOST_SENDERS = 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Heard:
+class Received:
     """The newest message of one sender.
 
     Attributes:
         message: the message.
-        content: what was decoded of it.
+        content: its decoded content.
         captured_ns: its capture time, not later than its arrival.
         odom_SE3_sender: the sender's base frame at capture, in the receiver's odometry frame.
     """
@@ -61,7 +61,7 @@ class PerceivingPolicy(TrackingPolicy):
     on LiDARs confuse front and back, so reported tracks that move face where they go.
 
     Attributes:
-        weights: of the network, by name or as the path of a file.
+        weights: name or path of the network's weights.
         tracker: the policy whose tracker tracks what is found, by its spec: "ab3dmot", "coop_fuse", ...
         least_score: smallest score of a detection, in [0, 1].
         region_m: the network looks for objects in |x| <= the first, |y| <= the second of the receiver's base frame,
@@ -97,7 +97,7 @@ class PerceivingPolicy(TrackingPolicy):
                 "messages are, and what it finds is of now"
             )
         self._tracking = self.tracking_policy()
-        self._heard: dict[str, dict[str, Heard]] = {}
+        self._received: dict[str, dict[str, Received]] = {}
         self._decode = WeakMethod(self.decode)  # which is remembered beside what it gave
         super().__post_init__()
         import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
@@ -120,8 +120,8 @@ class PerceivingPolicy(TrackingPolicy):
         """Return the content of a message; a pure function. Raises `CodecError` for what cannot be used."""
 
     @abstractmethod
-    def find(self, agent: str, observation: Observation, heard: Sequence[Heard]) -> Detections:
-        """Return what `agent` and those it heard see together, in its compass frame now."""
+    def find(self, agent: str, observation: Observation, received: Sequence[Received]) -> Detections:
+        """Return what `agent` and those it received see together, in its compass frame now."""
 
     @abstractmethod
     def found_by(self, heading_rad: float, content: Any) -> Detections:
@@ -150,7 +150,7 @@ class PerceivingPolicy(TrackingPolicy):
 
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
         super().begin(spec, rng)
-        self._heard[spec.name], self._tracking.counts = {}, self.counts
+        self._received[spec.name], self._tracking.counts = {}, self.counts
 
     def prepare(self, observations: Mapping[str, Observation]) -> None:
         """Do what several agents' `find` needs, and is better done for all at once; called before, in each frame."""
@@ -159,8 +159,8 @@ class PerceivingPolicy(TrackingPolicy):
         for agent, observation in observations.items():
             self._states[agent].frame.move(observation)
         self.prepare(observations)
-        heard = {agent: self._listen(agent, observation) for agent, observation in observations.items()}
-        tasks = [partial(self._perceive, agent, each, heard[agent]) for agent, each in observations.items()]
+        received = {agent: self._listen(agent, observation) for agent, observation in observations.items()}
+        tasks = [partial(self._perceive, agent, each, received[agent]) for agent, each in observations.items()]
         found = dict(zip(observations, self._backend.side_by_side(tasks), strict=True))
         return {agent: self._track(agent, observation, found[agent]) for agent, observation in observations.items()}
 
@@ -175,24 +175,24 @@ class PerceivingPolicy(TrackingPolicy):
         self.prepare({agent: observation})
         return self._perceive(agent, observation, self._listen(agent, observation))
 
-    def _perceive(self, agent: str, observation: Observation, heard: Sequence[Heard]) -> Detections:
-        """Return what the agent and those it heard see together, in its base frame; may run beside other agents'."""
+    def _perceive(self, agent: str, observation: Observation, received: Sequence[Received]) -> Detections:
+        """Return what the agent and those it received see together, in its base frame; may run beside other agents'."""
         if not observation.sensed:
             return Detections.empty()
-        found = self.find(agent, observation, heard).transform(base_SE3_compass(observation))
-        return self._less_itself(agent, observation.time_ns, heard, found)
+        found = self.find(agent, observation, received).transform(base_SE3_compass(observation))
+        return self._less_itself(agent, observation.time_ns, received, found)
 
-    def _less_itself(self, agent: str, now_ns: int, heard: Sequence[Heard], found: Detections) -> Detections:
+    def _less_itself(self, agent: str, now_ns: int, received: Sequence[Received], found: Detections) -> Detections:
         """Return what is found in the agent's base frame, less the agent: no agent is its own object."""
         if self._states[agent].is_object:
-            for place_m in self._own_places(agent, now_ns, heard):
+            for place_m in self._own_places(agent, now_ns, received):
                 found = found[~covers(found.boxes, place_m)]
         return found
 
-    def _own_places(self, agent: str, now_ns: int, heard: Sequence[Heard]) -> Floats:
+    def _own_places(self, agent: str, now_ns: int, received: Sequence[Received]) -> Floats:
         """Return where the agent is, and where it was when late messages were captured: (M, 2) m in its base frame."""
         frame, now_m = self._states[agent].frame, np.zeros((1, 2))
-        before_ns = sorted({each.captured_ns for each in heard if each.captured_ns < now_ns})
+        before_ns = sorted({each.captured_ns for each in received if each.captured_ns < now_ns})
         if not before_ns:
             return now_m
         return np.concatenate([now_m, frame.odom_SE3_base.inverse().apply(frame.positions_at(before_ns))[:, :2]])
@@ -201,41 +201,68 @@ class PerceivingPolicy(TrackingPolicy):
         """Return the agent's compass frame now, in its odometry frame."""
         return self._states[agent].frame.odom_SE3_base.compose(base_SE3_compass(observation))
 
-    def compass_SE3_sender(self, agent: str, observation: Observation, heard: Heard) -> SE3:
+    def compass_SE3_sender(self, agent: str, observation: Observation, received: Received) -> SE3:
         """Return the sender's base frame at capture, in the receiver's compass frame now."""
         base_SE3_odom = self._states[agent].frame.odom_SE3_base.inverse()
-        return base_SE3_compass(observation).inverse().compose(base_SE3_odom.compose(heard.odom_SE3_sender))
+        return base_SE3_compass(observation).inverse().compose(base_SE3_odom.compose(received.odom_SE3_sender))
 
-    def _listen(self, agent: str, observation: Observation) -> list[Heard]:
+    def _listen(self, agent: str, observation: Observation) -> list[Received]:
         """Take in the inbox, and return the newest message of each sender, in the order of their names."""
-        known, now_ns = self._heard[agent], observation.time_ns
-        inbox = [message for message in within_reach(observation) if message.sender != agent]
-        received = self.read(agent, inbox, self._decode)
-        places = self._places(agent, observation, received)
-        for (message, content), odom_SE3_sender in zip(received, places, strict=True):
+        known, now_ns = self._received[agent], observation.time_ns
+        inbox = [message for message in nearby_messages(observation) if message.sender != agent]
+        readable = self.read(agent, inbox, self._decode)
+        places = self._places(agent, observation, readable)
+        for (message, content), odom_SE3_sender in zip(readable, places, strict=True):
             captured_ns, before = min(message.captured_ns, now_ns), known.get(message.sender)
             if before is None or before.captured_ns < captured_ns:
-                known[message.sender] = Heard(message, content, captured_ns, odom_SE3_sender)
+                known[message.sender] = Received(message, content, captured_ns, odom_SE3_sender)
         oldest_ns = now_ns - seconds_to_ns(self.memory_s)
         recent = sorted((-each.captured_ns, name) for name, each in known.items() if each.captured_ns >= oldest_ns)
-        self._heard[agent] = {name: known[name] for _, name in sorted(recent[:_MOST_SENDERS], key=lambda each: each[1])}
-        return list(self._heard[agent].values())
+        self._received[agent] = {
+            name: known[name] for _, name in sorted(recent[:_MOST_SENDERS], key=lambda each: each[1])
+        }
+        return list(self._received[agent].values())
 
-    def _places(self, agent: str, observation: Observation, received: Sequence[tuple[Message, Any]]) -> list[SE3]:
+    def _places(self, agent: str, observation: Observation, readable: Sequence[tuple[Message, Any]]) -> list[SE3]:
         """Return `odom_SE3_sender` at capture for each message, corrected by common objects if `align`."""
         state = self._states[agent]
         if state.alignment is None:
-            batch = state.frame.odom_SE3_senders([message for message, _ in received], observation)
+            batch = state.frame.odom_SE3_senders([message for message, _ in readable], observation)
             return [batch[number] for number in range(len(batch))]
         own = Detections.empty()
         if observation.sensed:
             own = self.find(agent, observation, []).transform(base_SE3_compass(observation))
         boxes = [
             (message, drop_unreportable(self.found_by(float(message.pose.xyz_yaw[3]), content)))
-            for message, content in received
+            for message, content in readable
         ]
         placed = drop_unreportable(own).transform(state.frame.odom_SE3_base)
         return state.alignment.place(observation, state.frame, placed, boxes)
+
+
+class Timed(Protocol):
+    """State of an agent after a frame."""
+
+    @property
+    def time_ns(self) -> int:
+        """Time of the frame."""
+
+
+M = TypeVar("M", bound=Timed)
+
+
+@dataclass
+class FrameChain(Generic[M]):
+    """States of one agent: `before`, after the frame before, and `now`, after this one or the newest so far."""
+
+    before: M | None = None
+    now: M | None = None
+
+    def begin(self, now_ns: int) -> M | None:
+        """Begin a frame, or do it once more. Return the state before it; a newer one is forgotten."""
+        if self.now is not None and self.now.time_ns != now_ns:
+            self.before = self.now if self.now.time_ns < now_ns else None
+        return self.before
 
 
 def base_SE3_compass(observation: Observation) -> SE3:

@@ -74,11 +74,10 @@ class Policy(ABC):
 
     Attributes:
         needs: requirements on the environment; of the class, or set on the object.
-        method: which method of which paper the policy is, or which part of it, in a phrase; leaderboards show it.
+        method: the paper's method that the policy is, or part of it, in a phrase; leaderboards show it.
         specs: the agents of the running episode, in the environment's order.
         rejected: number of messages of the episode that could not be read, by receiver and sender; see `read`.
-        counts: what the policy counts in the episode, by name in plain words, as how often a part of it lacked what it
-            needs and another one stood in; reports show it.
+        counts: counters of the episode for reports, by name in plain words, e.g. how often a fallback was used.
     """
 
     needs: Needs = Needs()
@@ -106,7 +105,8 @@ class Policy(ABC):
         forward pass of a network; a subclass of such a policy that overrides `track` must override this, too.
 
         Args:
-            observations: by agent. Receivers of one broadcast have the same `Message` object in their inboxes.
+            observations: observations by agent. Receivers of one broadcast have the same `Message` object in their
+                inboxes.
         """
         return {agent: self.track(agent, observation) for agent, observation in observations.items()}
 

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from coopsim.agents.policy import Needs, Policy
-from coopsim.agents.tracking_policy import within_reach
+from coopsim.agents.tracking_policy import nearby_messages
 from coopsim.catalog import POLICIES
 from coopsim.comms.envelope import decode_tracks
 from coopsim.comms.uplinks.share_tracks import OwnTracks, ShareTracks
@@ -39,7 +39,7 @@ _LONGEST_S = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Heard:
+class _Received:
     """The last message of one agent: its tracks in the receiver's odometry frame, as they were at capture."""
 
     captured_ns: int
@@ -52,7 +52,7 @@ class _AgentState:
     alignment: PoseAlignment | None
     frame: OdometryFrame = field(default_factory=OdometryFrame)
     ids: PublicIds = field(default_factory=lambda: PublicIds(seconds_to_ns(_LONGEST_S)))
-    heard: dict[str, _Heard] = field(default_factory=dict)
+    received: dict[str, _Received] = field(default_factory=dict)
 
 
 @POLICIES.register("track_to_track")
@@ -68,7 +68,7 @@ class TrackToTrack(Policy):
         hits: frames with a detection until an own track is reported.
         age: frames without a detection until an own track is dropped.
         fuse_gate: smallest BEV GIoU of two agents' tracks of one object, in [-1, 1].
-        valid_s: how long after capture a message is used, at most 10 s.
+        valid_s: longest age of a message that is used, at most 10 s.
         position_noise_m: assumed standard deviation of an estimated pose's x and y.
         heading_noise_rad: assumed standard deviation of its heading. The defaults are those of V2X-ViT (Xu et al.,
             ECCV 2022): 0.2 m and 0.2 degrees.
@@ -119,14 +119,14 @@ class TrackToTrack(Policy):
         own, tracker = self._own.in_odometry_frame(agent, observation)
         state.frame = tracker.frame
         self._listen(agent, state, observation)
-        fused, members = self._fused(own, self._current(list(state.heard.values()), now_ns))
-        public = state.ids.assign([RECEIVER, *state.heard], members, now_ns)
+        fused, members = self._fused(own, self._current(list(state.received.values()), now_ns))
+        public = state.ids.assign([RECEIVER, *state.received], members, now_ns)
         return replace(fused.tracks, id=public).transform(state.frame.odom_SE3_base.inverse())
 
     def _listen(self, agent: str, state: _AgentState, observation: Observation) -> None:
         """Keep each sender's last message, while it is valid, in order of the names."""
-        read = self.read(agent, within_reach(observation), decode_tracks)
-        newest, captured_ns = dict[str, int](), {name: heard.captured_ns for name, heard in state.heard.items()}
+        read = self.read(agent, nearby_messages(observation), decode_tracks)
+        newest, captured_ns = dict[str, int](), {name: each.captured_ns for name, each in state.received.items()}
         for number, (message, _) in enumerate(read):
             sent_ns, known_ns = min(message.captured_ns, observation.time_ns), captured_ns.get(message.sender)
             if known_ns is None or sent_ns > known_ns:
@@ -136,9 +136,9 @@ class TrackToTrack(Policy):
             numbers = list(newest.values())
             placed = self._placed([read[number] for number in numbers], senders.take(numbers), state)
             for name, estimates in zip(newest, placed, strict=True):
-                state.heard[name] = _Heard(captured_ns[name], estimates)
+                state.received[name] = _Received(captured_ns[name], estimates)
         oldest_ns = observation.time_ns - seconds_to_ns(self._valid_s)
-        state.heard = {name: heard for name, heard in sorted(state.heard.items()) if heard.captured_ns > oldest_ns}
+        state.received = {name: each for name, each in sorted(state.received.items()) if each.captured_ns > oldest_ns}
 
     def _senders(
         self, read: Sequence[tuple[Message, TrackEstimates]], observation: Observation, state: _AgentState
@@ -148,10 +148,10 @@ class TrackToTrack(Policy):
         if state.alignment is None:
             return frame.odom_SE3_senders([message for message, _ in read], observation)
         own = drop_unreportable(observation.detections).transform(frame.odom_SE3_base)
-        heard = [
+        received = [
             (message, Detections(each.tracks.boxes, each.tracks.score, each.tracks.label)) for message, each in read
         ]
-        return SE3Batch.of(state.alignment.place(observation, frame, own, heard))
+        return SE3Batch.of(state.alignment.place(observation, frame, own, received))
 
     def _placed(
         self, received: Sequence[tuple[Message, TrackEstimates]], odom_SE3_senders: SE3Batch, state: _AgentState
@@ -174,13 +174,13 @@ class TrackToTrack(Policy):
             whole = whole.with_pose_noise(origin_m, *self._pose_noise)
         return whole.split(np.bincount(number, minlength=len(received)))
 
-    def _current(self, heard: Sequence[_Heard], now_ns: int) -> list[TrackEstimates]:
+    def _current(self, received: Sequence[_Received], now_ns: int) -> list[TrackEstimates]:
         """Return each sender's tracks predicted to now; the older they are, the lower their scores."""
-        if not heard:
+        if not received:
             return []
-        counts = np.array([len(each.estimates) for each in heard])
-        ages_s = np.repeat([(now_ns - each.captured_ns) / NS_PER_S for each in heard], counts)
-        whole = TrackEstimates.concatenate([each.estimates for each in heard])
+        counts = np.array([len(each.estimates) for each in received])
+        ages_s = np.repeat([(now_ns - each.captured_ns) / NS_PER_S for each in received], counts)
+        whole = TrackEstimates.concatenate([each.estimates for each in received])
         score = whole.tracks.score
         whole = replace(whole, tracks=replace(whole.tracks, score=score - np.abs(score) * ages_s / self._valid_s))
         if self._delayed == "predict" and len(whole):

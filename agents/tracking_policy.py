@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import compress
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from coopsim.agents.learned_covariance import LearnedCovariance
 from coopsim.agents.policy import Policy
 from coopsim.comms.envelope import decode_detections
 from coopsim.comms.uplinks.share_detections import ShareDetections
@@ -17,16 +17,21 @@ from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.errors import InvalidValueError
 from coopsim.fusion.alignment import PoseAlignment
 from coopsim.geometry.boxes import covers
-from coopsim.geometry.se3 import Floats, SE3Batch
+from coopsim.geometry.se3 import SE3, Floats, SE3Batch
 from coopsim.localization.odometry import OdometryFrame, stated_poses
 from coopsim.support.checks import require_choice, require_flag
 from coopsim.support.methods import WeakMethod
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.delayed import DELAYED, RECEIVER, DelayedMeasurements, Fusion, Measurements
 from coopsim.tracking.tracker import Tracker
-from coopsim.types import AgentSpec, Detections, Message, Observation, Tracks
+from coopsim.types import AgentSpec, Detections, Mask, Message, Observation, Tracks
+from coopsim.types.estimates import diagonals
 from coopsim.types.groups import DetectionGroups
 from coopsim.types.valid_detections import FARTHEST_M, drop_unreportable
+
+if TYPE_CHECKING:
+    from coopsim.nn.covariance.covariance_net import CovarianceNet
+    from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 
 
 @dataclass
@@ -60,8 +65,8 @@ class TrackingPolicy(Policy):
         delayed: treatment of delayed messages: "as_current", "predict" or "replay" (see
             `coopsim.tracking.delayed`).
         align: correct the senders' poses by the objects that several agents see (see `coopsim.fusion.alignment`).
-        covariance: weights, by name or path, of a network that gives every box its covariance in the place of what
-            detectors state, as "dmstrack", before boxes are fused and tracked; None: what they state.
+        covariance: name or path of the weights of a network, such as "dmstrack", whose covariances of boxes replace the
+            detectors' before boxes are fused and tracked; None: the detectors'.
         velocities: send boxes with velocities, by a tracker of each sender's own, 4 bytes each. Late boxes are moved by
             them; without them, by the receiver's tracker of each sender.
     """
@@ -126,7 +131,7 @@ class TrackingPolicy(Policy):
         state, own = self._states[agent], drop_unreportable(found)
         odom_SE3_base = state.frame.odom_SE3_base
         reads = self.needs.uplink == "detections"
-        received = self.read(agent, within_reach(observation), _decode_reportable) if reads else []
+        received = self.read(agent, nearby_messages(observation), _decode_reportable) if reads else []
         # In the order in which they are tracked: then groups that are joined here need not be sorted later.
         received.sort(key=lambda each: each[0].sender)
         measured = _measurements(agent, own, received, observation, state, state.alignment if reads else None)
@@ -185,10 +190,71 @@ def _measurements(
     return Measurements([RECEIVER, *(message.sender for message in messages)], captured_ns, groups)
 
 
-def within_reach(observation: Observation) -> list[Message]:
+def nearby_messages(observation: Observation) -> list[Message]:
     """Return the messages with a stated sender pose within `FARTHEST_M` of the receiver."""
     if not observation.inbox:
         return []
     away_m = stated_poses(observation.inbox)[:, :3] - observation.pose.xyz_yaw[:3]
     farthest_m: Floats = np.abs(away_m).max(axis=1)
     return list(compress(observation.inbox, (farthest_m <= FARTHEST_M).tolist()))
+
+
+class LearnedCovariance:
+    """A network that gives every box a covariance, in the place of what its detector states.
+
+    It works at the receiver: nothing is sent, so any codec serves, and one network serves any number of agents. A
+    network that sees features works where these are, in the detector: then what detectors state stays as it is, and
+    only the motion model is the network's.
+
+    Args:
+        weights: name or path of weights of the kind "covariance".
+
+    Raises:
+        MissingDependencyError: torch is not installed.
+        UnknownNameError: there are no such weights.
+        InvalidValueError: it is no text, or the file is broken, or holds something else.
+    """
+
+    def __init__(self, weights: str) -> None:
+        if not isinstance(weights, str):
+            raise InvalidValueError(f"covariance must be the name or path of weights, got {weights!r}")
+        import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
+        from coopsim.learn.weights import load_covariance
+
+        self._net: CovarianceNet = load_covariance(weights)
+
+    @property
+    def stated_by_detector(self) -> bool:
+        """True if the network reads features: then detectors state the covariances, and only motion is used here."""
+        return self._net.config.features > 0
+
+    def motion(self) -> ConstantVelocity:
+        """Return the motion model that the covariances were trained with."""
+        return self._net.motion()
+
+    def apply(
+        self, groups: DetectionGroups, odom_SE3_base: SE3, odom_SE3_sensors: SE3Batch, known: Mask
+    ) -> DetectionGroups:
+        """Return groups with a covariance for every box.
+
+        Args:
+            groups: G groups in the receiver's odometry frame.
+            odom_SE3_base: the receiver's base frame now.
+            odom_SE3_sensors: (G) base frame of each group's agent when it sensed.
+            known: (G,) where that is known; not in a recording, where all boxes come in one agent's frame.
+        """
+        from coopsim.nn.covariance.box_numbers import box_numbers
+
+        base_SE3_odom, joined = odom_SE3_base.inverse(), groups.joined
+        if not len(joined) or self.stated_by_detector:
+            return groups
+        seen = joined.transform(base_SE3_odom)
+        at = odom_SE3_sensors.seen_from(base_SE3_odom)
+        sensors = np.where(known[:, None], np.column_stack([at.translation, at.yaw]), np.nan)
+        numbers = box_numbers(seen.boxes.array, seen.score, groups.group, sensors)
+        spread = replace(seen, covariance=diagonals(self._net.variances(numbers))).transform(odom_SE3_base).covariance
+        assert spread is not None
+        if groups.parts is None:
+            return DetectionGroups(replace(joined, covariance=spread), groups.starts)
+        bounds = zip(groups.parts, groups.starts[:-1], groups.starts[1:], strict=True)
+        return DetectionGroups.of(replace(part, covariance=spread[first:last]) for part, first, last in bounds)

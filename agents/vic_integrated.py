@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from coopsim.agents.frame_chain import FrameChain
 from coopsim.agents.learned_fusion import LearnedFusion
-from coopsim.agents.perceiving_policy import Heard, base_SE3_compass
+from coopsim.agents.perceiving_policy import FrameChain, Received, base_SE3_compass
 from coopsim.catalog import POLICIES
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import require_choice, require_count, require_finite_number, require_probability
@@ -25,8 +24,7 @@ from coopsim.types.valid_detections import drop_unreportable
 if TYPE_CHECKING:
     from coopsim.nn.cooperative.cooperative_net import CooperativeNet
     from coopsim.nn.detector.detector_net import DetectorNet
-    from coopsim.nn.inference.integrated_perceiver import IntegratedMemory
-    from coopsim.nn.inference.integrated_tracks import TrackRules
+    from coopsim.nn.integrated.perceiver import IntegratedState, TrackRules
 
 INTEGRATED = "integrated"
 """The tracker for which the prediction branch says where tracks are."""
@@ -44,7 +42,7 @@ class VicIntegrated(LearnedFusion):
         tracker: "integrated": tracks are where the prediction branch finds them; or a policy that tracks boxes, whose
             tracker then follows what the detection branch finds, as "vic_fscm_association".
         stages: 4 of matching (FSCM), or 1 in which all tracks and detections take part.
-        affinity: by which boxes are matched: "axial_xiou", XIOU in which front and back are alike, for the heads of
+        affinity: similarity of boxes: "axial_xiou", XIOU in which front and back are alike, for the heads of
             LiDAR networks confuse them; "xiou", the paper's; or "giou", (GIoU + 1) / 2, which knows no headings.
         gate: smallest affinity of a match, in [0, 1]; ours, the paper gives none.
         detection_score: score from which a detection is sure, and begins a track (m_d); the paper's is 0.5.
@@ -78,24 +76,24 @@ class VicIntegrated(LearnedFusion):
 
     def load_net(self, detector: DetectorNet) -> CooperativeNet:
         from coopsim.learn.weights import load_integrated
-        from coopsim.nn.inference.integrated_perceiver import IntegratedPerceiver
+        from coopsim.nn.integrated.perceiver import IntegratedPerceiver
 
         net = load_integrated(self.weights, detector)
         rules = self._rules(net.config.places) if self.tracker == INTEGRATED else None
         self._integrated, self._track_rules = IntegratedPerceiver(net, rules, self._backend), rules
-        self._chains: dict[str, FrameChain[IntegratedMemory]] = {}
+        self._chains: dict[str, FrameChain[IntegratedState]] = {}
         return net.cooperative
 
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
         super().begin(spec, rng)
         self._chains[spec.name] = FrameChain()
 
-    def find(self, agent: str, observation: Observation, heard: Sequence[Heard]) -> Detections:
-        from coopsim.nn.inference.query_perceiver import detections_of
+    def find(self, agent: str, observation: Observation, received: Sequence[Received]) -> Detections:
+        from coopsim.nn.queries.perceiver import detections_of
 
         chain, now_ns = self._chains[agent], observation.time_ns
         before = chain.begin(now_ns)
-        fused, region = self.fused(agent, observation, heard)
+        fused, region = self.fused(agent, observation, received)
         odom_SE3_compass = self.odom_SE3_compass(agent, observation)
         chain.now = self._integrated.step(before, now_ns, odom_SE3_compass, fused, region)
         found = detections_of(chain.now.detected)
@@ -110,17 +108,17 @@ class VicIntegrated(LearnedFusion):
             return Tracks.empty()
         return self._reported(agent, observation, memory, rules)
 
-    def _reported(self, agent: str, observation: Observation, memory: IntegratedMemory, rules: TrackRules) -> Tracks:
+    def _reported(self, agent: str, observation: Observation, memory: IntegratedState, rules: TrackRules) -> Tracks:
         """Return the tracks that are reported, in the base frame; in a frame without sensors, moved on to it."""
-        from coopsim.nn.inference.query_perceiver import detections_of
+        from coopsim.nn.queries.perceiver import detections_of
 
         to_base = base_SE3_compass(observation)
         tracks = memory.at(observation.time_ns, self.odom_SE3_compass(agent, observation))
         rows = np.flatnonzero(rules.reported(tracks, memory.frame))
         shown = detections_of(tracks)[rows]
         numbered = replace(shown, embedding=rows[:, None].astype(np.float64)).transform(to_base)
-        heard = list(self._heard[agent].values())
-        own = drop_unreportable(self._less_itself(agent, observation.time_ns, heard, numbered))
+        received = list(self._received[agent].values())
+        own = drop_unreportable(self._less_itself(agent, observation.time_ns, received, numbered))
         if own.embedding is None:
             return Tracks.empty()
         rows = own.embedding[:, 0].astype(np.int64)
@@ -129,7 +127,7 @@ class VicIntegrated(LearnedFusion):
 
     def _rules(self, most: int) -> TrackRules:
         from coopsim.geometry.assignment import hungarian
-        from coopsim.nn.inference.integrated_tracks import TrackRules
+        from coopsim.nn.integrated.perceiver import TrackRules
 
         affinity = AFFINITIES[self.affinity]
         if self.stages == 4:

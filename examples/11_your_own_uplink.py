@@ -3,7 +3,7 @@
 import numpy as np
 
 import coopsim
-from coopsim.agents.late_fusion import LateFusion
+from coopsim.agents.boxes import LateFusion
 from coopsim.comms.uplinks.share_detections import ShareDetections
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.testing import check_uplink

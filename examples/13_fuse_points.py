@@ -4,7 +4,7 @@ import numpy as np
 from scipy import ndimage
 
 import coopsim
-from coopsim.agents.ab3dmot_policy import AB3DMOTTracking
+from coopsim.agents.boxes import AB3DMOTTracking
 from coopsim.comms.envelope import decode_points
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.testing import check_policy

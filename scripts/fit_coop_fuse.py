@@ -27,8 +27,8 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit
 
+from coopsim.agents.boxes import LateFusion
 from coopsim.agents.coop_fuse import LEAST_CHANCE, LIKELIHOOD, MERGE_GATE, CoopFuse, Weights
-from coopsim.agents.late_fusion import LateFusion
 from coopsim.bench.evaluate import listening_env
 from coopsim.cli.arguments import seeds
 from coopsim.data.recording_set import Recording, RecordingSet

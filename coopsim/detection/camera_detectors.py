@@ -15,7 +15,7 @@ from coopsim.types import Detections, SensorView
 
 if TYPE_CHECKING:
     from coopsim.nn.inference.backend import Backend
-    from coopsim.nn.inference.view_finder import ViewFinder
+    from coopsim.nn.inference.detectors import ViewDetector
 
 
 class CameraDetector(Detector):
@@ -50,7 +50,7 @@ class CameraDetector(Detector):
         self._network = self._finder(weights, find_backend(device, threads))
 
     @abstractmethod
-    def _finder(self, weights: str, backend: Backend) -> ViewFinder:
+    def _finder(self, weights: str, backend: Backend) -> ViewDetector:
         """Return the network at work."""
 
     def detect(self, view: SensorView, rng: Rng) -> Detections:
@@ -78,13 +78,13 @@ class LiftSplatDetector(CameraDetector):
     ) -> None:
         super().__init__(weights, least_score, reach_m, threads, device)
 
-    def _finder(self, weights: str, backend: Backend) -> ViewFinder:
+    def _finder(self, weights: str, backend: Backend) -> ViewDetector:
         from coopsim.learn.weights import load_pictures
-        from coopsim.nn.inference.agent_encoder import PictureEncoder
-        from coopsim.nn.inference.view_finder import ViewFinder
+        from coopsim.nn.inference.detectors import ViewDetector
+        from coopsim.nn.inference.encoders import PictureEncoder
 
         net = load_pictures(weights)
-        return ViewFinder(PictureEncoder(net, backend), net.head, net.config.cell_m, backend)
+        return ViewDetector(PictureEncoder(net, backend), net.head, net.config.cell_m, backend)
 
 
 @DETECTORS.register("points_and_pictures")
@@ -103,10 +103,10 @@ class PointsAndPicturesDetector(CameraDetector):
     ) -> None:
         super().__init__(weights, least_score, reach_m, threads, device)
 
-    def _finder(self, weights: str, backend: Backend) -> ViewFinder:
+    def _finder(self, weights: str, backend: Backend) -> ViewDetector:
         from coopsim.learn.weights import load_points_and_pictures
-        from coopsim.nn.inference.agent_encoder import BothEncoder
-        from coopsim.nn.inference.view_finder import ViewFinder
+        from coopsim.nn.inference.detectors import ViewDetector
+        from coopsim.nn.inference.encoders import BothEncoder
 
         net = load_points_and_pictures(weights)
-        return ViewFinder(BothEncoder(net, backend), net.head, net.config.pictures.cell_m, backend)
+        return ViewDetector(BothEncoder(net, backend), net.head, net.config.pictures.cell_m, backend)

@@ -58,7 +58,7 @@ class CropEmbedder(Embedder):
         self._least_area_px, self._most_hidden = least_area_px, most_hidden
 
     def embed(self, detections: Detections, view: SensorView) -> Floats:
-        from coopsim.nn.identity.cut_crops import cut_crops
+        from coopsim.nn.identity.picture_identity_net import cut_crops
         from coopsim.nn.inference.backend import find_backend
 
         vectors = np.zeros((len(detections), self.dim))
@@ -100,7 +100,7 @@ class PictureIdentity(CropEmbedder):
     ) -> None:
         import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
         from coopsim.learn.weights import load_picture_identity
-        from coopsim.nn.inference.quick import folded
+        from coopsim.nn.inference.encoders import folded
 
         net = load_picture_identity(weights)
         config = net.config

@@ -14,7 +14,7 @@ from coopsim.support.checks import require_between, require_count, require_proba
 from coopsim.types import AgentSpec, Detections, SensorView
 
 if TYPE_CHECKING:
-    from coopsim.nn.inference.cloud_detector import CloudDetector
+    from coopsim.nn.inference.detectors import CloudDetector
 
 
 @DETECTORS.register("pillars")
@@ -57,7 +57,7 @@ class PillarsDetector(Detector):
         import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
         from coopsim.learn.weights import load_covariance, load_detector
         from coopsim.nn.inference.backend import find_backend
-        from coopsim.nn.inference.cloud_detector import CloudDetector
+        from coopsim.nn.inference.detectors import CloudDetector
 
         self._least_score, self._reach_m = least_score, reach_m
         net = load_detector(weights)

@@ -34,9 +34,9 @@ class PointIdentity(Embedder):
             raise InvalidValueError(f"weights must be the name or path of weights, got {weights!r}")
         import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
         from coopsim.learn.weights import load_point_identity
-        from coopsim.nn.identity.point_looks import PointLooks
+        from coopsim.nn.identity.point_encoder import PointEmbedder
 
-        self._looks = PointLooks(load_point_identity(weights))
+        self._looks = PointEmbedder(load_point_identity(weights))
         self.dim = self._looks.dim
 
     def embed(self, detections: Detections, view: SensorView) -> Floats:

@@ -20,9 +20,8 @@ from coopsim.config.load import load
 from coopsim.errors import InvalidValueError, UnknownNameError, WeightsNotShippedError
 from coopsim.learn.recipe import RECIPES
 from coopsim.learn.tensor_file import read_header, read_tensors, write_tensors
-from coopsim.nn.camera.lift_splat import LiftSplatConfig
-from coopsim.nn.camera.picture_detector import PictureDetectorNet, PointsAndPicturesNet
-from coopsim.nn.camera.points_and_pictures import PointsAndPicturesConfig
+from coopsim.nn.camera.lift_splat import LiftSplatConfig, PictureDetectorNet
+from coopsim.nn.camera.points_and_pictures import PointsAndPicturesConfig, PointsAndPicturesNet
 from coopsim.nn.cooperative.cooperative_net import CooperativeConfig, CooperativeNet
 from coopsim.nn.covariance.covariance_net import CovarianceConfig, CovarianceNet
 from coopsim.nn.detector.detector_net import DetectorNet

@@ -1,4 +1,7 @@
-"""Networks of cooperative perception: tensors in, tensors out. Importing anything here needs torch."""
+"""Networks of cooperative perception: tensors in, tensors out. Importing anything here needs torch.
+
+Start reading at `detector` (one agent), then `cooperative` and `fusion` (several). `inference` has what runs them.
+"""
 
 from __future__ import annotations
 

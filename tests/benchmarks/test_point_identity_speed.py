@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("torch")
 
 from coopsim.learn.weights import make_network
-from coopsim.nn.identity.point_looks import PointLooks
+from coopsim.nn.identity.point_encoder import PointEmbedder
 
 
 @pytest.mark.parametrize("size", ["small", "paper"])
@@ -26,7 +26,7 @@ def test_milliseconds_for_30_boxes_in_60_000_points(size: str) -> None:
     on_cars = (middle[:, None] + rng.uniform(-0.5, 0.5, (30, 100, 3)) * [4.5, 1.9, 1.7]).reshape(-1, 3)
     xyz = rng.permutation(np.concatenate([ground, on_cars]))
     points = np.column_stack([xyz, rng.random(len(xyz))]).astype(np.float32)
-    looks, spent = PointLooks(make_network("point_identity", {"size": size}).eval().requires_grad_(False)), []
+    looks, spent = PointEmbedder(make_network("point_identity", {"size": size}).eval().requires_grad_(False)), []
     for _ in range(30):
         began = time.perf_counter()
         rows = looks.of(points, boxes)

@@ -139,7 +139,7 @@ def test_commands_parse(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     assert {words[0] for words in commands} >= {"demo", "bench", "compare", "replay", "leaderboard", "record"}
     for words in commands:
         for file, policy in re.findall(r"(\w+\.py):(\w+)", " ".join(words)):
-            Path(file).write_text(f"from coopsim.agents.ab3dmot_policy import AB3DMOTTracking as {policy}\n")
+            Path(file).write_text(f"from coopsim.agents.boxes import AB3DMOTTracking as {policy}\n")
         make_parser().parse_args(words)
 
 

@@ -126,7 +126,7 @@ def test_the_last_message_is_used_until_it_is_too_old(name: str) -> None:
     heard, remembered = said(policy, 0), []
     for k in range(5):
         play(policy, observe(k * FRAME_NS, *[heard] * (k == 0)))
-        remembered.append(list(policy._heard["cav_0"]))
+        remembered.append(list(policy._received["cav_0"]))
     assert remembered == [["rsu_0"]] * 3 + [[], []]
 
 
@@ -268,7 +268,7 @@ def test_senders_without_end_are_not_all_remembered(name: str) -> None:
     policy = make(name)
     heard = said(policy, 0, sweep=Sweep.empty())
     play(begin(policy), observe(0, *(replace(heard, sender=f"cav_{k}") for k in range(1, 40))))
-    assert len(policy._heard["cav_0"]) == 32
+    assert len(policy._received["cav_0"]) == 32
 
 
 @EVERY
@@ -436,7 +436,7 @@ def test_alignment_follows_a_moving_agent_once_a_frame(name: str) -> None:
     for k in range(6):
         at = observe(k * FRAME_NS, said(policy, k * FRAME_NS), pose=(k * step_m, 0, 0, 0))
         policy.track("cav_0", replace(at, odometry=Odometry(np.array([step_m if k else 0.0, 0, 0, 0]))))
-    (heard,) = policy._heard["cav_0"].values()
+    (heard,) = policy._received["cav_0"].values()
     np.testing.assert_allclose(heard.odom_SE3_sender.translation[:2], ELSEWHERE[:2], atol=1e-3)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import coopsim
-from coopsim.agents.ab3dmot_policy import AB3DMOTTracking
+from coopsim.agents.boxes import AB3DMOTTracking
 from coopsim.catalog import policies_on_boxes
 from coopsim.comms.codecs.codec import codecs_of
 from coopsim.comms.envelope import decode_detections

@@ -35,7 +35,7 @@ OPTIONS = {"lidar": None, "vehicles": 4}
 def code(tmp_path: Path) -> tuple[str, Path]:
     """A policy in a file that leaves a trace when it is run, and the trace."""
     trace, file = tmp_path / "has_run", tmp_path / "theirs.py"
-    file.write_text(f"open({str(trace)!r}, 'w').close()\nfrom coopsim.agents.late_fusion import LateFusion as Theirs\n")
+    file.write_text(f"open({str(trace)!r}, 'w').close()\nfrom coopsim.agents.boxes import LateFusion as Theirs\n")
     return f"{file}:Theirs", trace
 
 

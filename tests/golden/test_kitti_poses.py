@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import coopsim
-from coopsim.agents.dino_codt_tracking import NIMBLE, DinoCoDTTracking
+from coopsim.agents.appearance import NIMBLE, DinoCoDTTracking
 from coopsim.geometry.assignment import greedy, hungarian
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.motion.constant_velocity import ConstantVelocity

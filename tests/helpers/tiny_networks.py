@@ -15,7 +15,7 @@ from coopsim.learn.weights import (
     make_network,
     save_weights,
 )
-from coopsim.nn.camera.sight import GEOMETRY
+from coopsim.nn.camera.picture_batch import GEOMETRY
 
 TINY: dict[str, Any] = {"cell_m": 2.4, "pillar_features": 4, "channels": [4, 4, 4], "layers": [0, 0, 0], "features": 8}
 TINY_PICTURES: dict[str, Any] = {"width": 8, "picture_features": 2, "depth_bins": 16} | {

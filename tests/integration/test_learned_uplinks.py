@@ -12,22 +12,14 @@ from conftest import SMALL
 from scipy import ndimage
 
 import coopsim
-from coopsim.agents.ab3dmot_policy import AB3DMOTTracking
+from coopsim.agents.boxes import AB3DMOTTracking
 from coopsim.comms.envelope import decode_features, decode_queries
 from coopsim.comms.uplinks.once_per_frame import EncodeOnce
 from coopsim.comms.uplinks.share_features import ShareFeatures, ShareQueries
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.types import (
-    AgentSpec,
-    BevGrid,
-    Detections,
-    FeatureMap,
-    InstanceQueries,
-    Observation,
-    SensorView,
-)
+from coopsim.types import AgentSpec, BevGrid, Detections, FeatureMap, InstanceQueries, Observation, SensorView
 
 SHORT: dict[str, Any] = SMALL | {"max_cycles": 8}
 GRID = BevGrid((-48, 48), (-24, 24), 1.5)

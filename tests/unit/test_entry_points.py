@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 PLUGIN = """
-from coopsim.agents.late_fusion import LateFusion
+from coopsim.agents.boxes import LateFusion
 from coopsim.comms.codecs.detection_codec import DetectionsCodec
 from coopsim.comms.uplinks.share_detections import ShareDetections
 from coopsim.detection.detector import NoDetector

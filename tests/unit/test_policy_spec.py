@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import coopsim
-from coopsim.agents.late_fusion import LateFusion
+from coopsim.agents.boxes import LateFusion
 from coopsim.catalog import PolicySpec
 from coopsim.config.spec import split_specs
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
@@ -63,7 +63,7 @@ def test_commas_in_brackets_divide_no_policies() -> None:
 
 def test_a_name_a_module_and_a_file_are_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert isinstance(PolicySpec.parse("late_fusion(delayed=replay)").make(), LateFusion)
-    assert isinstance(PolicySpec.parse("coopsim.agents.late_fusion:LateFusion").make(), LateFusion)
+    assert isinstance(PolicySpec.parse("coopsim.agents.boxes:LateFusion").make(), LateFusion)
     (tmp_path / "mine.py").write_text(MINE)
     made = PolicySpec.parse(f"{tmp_path}/mine.py:Blind(patience=3)").make()
     assert type(made).__name__ == "Blind" and made.patience == 3  # type: ignore[attr-defined]
@@ -94,8 +94,8 @@ def test_a_file_is_what_it_was_when_it_was_read(tmp_path: Path) -> None:
         ("late_fusion(", InvalidValueError, r"must be name, name\(parameter=value"),
         ("", InvalidValueError, r"must be name, name\(parameter=value"),
         ("nunpy:X", InvalidValueError, "there is no module 'nunpy'. Did you mean.*'numpy'"),
-        ("coopsim.agents.late_fusoin:X", InvalidValueError, "Did you mean 'coopsim.agents.late_fusion'"),
-        ("coopsim.agents.late_fusion:LateFusio", UnknownNameError, "Did you mean 'LateFusion'"),
+        ("coopsim.agents.boxse:X", InvalidValueError, "Did you mean 'coopsim.agents.boxes'"),
+        ("coopsim.agents.boxes:LateFusio", UnknownNameError, "Did you mean 'LateFusion'"),
         ("mine.py", InvalidValueError, "must name the class in that file, as mine.py:MyTracker"),
         ("numpy:zeros", InvalidValueError, "must be a class derived from coopsim.Policy"),
         ("nowhere/mine.py:Blind", InvalidValueError, "cannot read nowhere/mine.py: No such file"),

@@ -100,7 +100,7 @@ def arithmetic_on(device: str) -> str:
     """Return the arithmetic of networks on a device by name; only for a GPU does this load torch."""
     if device == PROCESSOR:
         return arithmetic()
-    from coopsim.nn.inference.devices import find_device, numbers_on
+    from coopsim.nn.inference.backend import find_device, numbers_on
 
     return str(numbers_on(find_device(device))).removeprefix("torch.")
 

@@ -25,7 +25,7 @@ from coopsim.learn.losses.head_losses import sum_of
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.sample_order import Position, SampleOrder
 from coopsim.learn.tasks.training_task import LOSS, TrainingTask
-from coopsim.nn.inference.devices import numbers_on, to_device
+from coopsim.nn.inference.backend import numbers_on, to_device
 
 SAVE_EVERY_S = 60.0
 """Time between two checkpoints."""

@@ -16,7 +16,7 @@ import torch
 import coopsim
 from coopsim.errors import InvalidValueError
 from coopsim.learn.recipe import RECIPES, TrainingRecipe, find_recipe
-from coopsim.nn.inference.devices import numbers_on
+from coopsim.nn.inference.backend import numbers_on
 from coopsim.support.files import write_durably, write_whole
 
 LOG = "log.jsonl"

@@ -10,7 +10,7 @@ from torch.nn import functional
 
 from coopsim.errors import UnknownNameError
 from coopsim.learn.samples.targets import Targets
-from coopsim.nn.camera.depth_bins import DepthBins
+from coopsim.nn.camera.picture_net import DepthBins
 from coopsim.nn.detector.box_code import (
     AXIS,
     HEADING,

@@ -14,7 +14,7 @@ from coopsim.learn.samples.query_streams import TrueObjects
 from coopsim.nn.detector.decode import GROUPS
 from coopsim.nn.integrated.integrated_net import IntegratedStep
 from coopsim.nn.queries.cooptrack_fusion import ComparedInstances
-from coopsim.nn.queries.instance_pairs import IMPOSSIBLE
+from coopsim.nn.queries.instance_fusion import IMPOSSIBLE
 from coopsim.nn.queries.instances import Instances
 from coopsim.types.taxonomy import ObjectClass
 

@@ -14,7 +14,7 @@ from coopsim.learn.samples.targets import Targets, join_targets, make_targets
 from coopsim.localization.odometry import Points
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.detector.pillars import PillarBatch, Pillars, collate, pillarize
-from coopsim.nn.inference.perceiver import REACH_M
+from coopsim.nn.inference.canvas import REACH_M
 from coopsim.support.checks import require_between, require_count, require_positive, require_probability
 from coopsim.types import BevGrid
 
@@ -122,7 +122,7 @@ def _sample(
     me = scene.agents[number]
     members = _members(scene, number, rng, settings)
     # The frame of the map is turned at random: streets must not be known by their direction. The agent is anywhere in
-    # the cell in the middle, as maps that are exchanged lie on cells of the world (`coopsim.nn.inference.perceiver`).
+    # the cell in the middle, as maps that are exchanged lie on cells of the world (`coopsim.nn.cooperative.perceiver`).
     frame = me.xyz_yaw.copy()
     frame[3] = rng.uniform(-np.pi, np.pi)
     frame[:2] += rng.uniform(-0.5, 0.5, 2) * cell_m * STRIDE

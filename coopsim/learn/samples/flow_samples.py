@@ -10,7 +10,7 @@ import numpy as np
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.learn.samples.fused_samples import LATEST_S, CooperativeSample, SceneDraft
 from coopsim.localization.odometry import Points
-from coopsim.nn.cooperative.feature_flow import LONGEST_S
+from coopsim.nn.cooperative.cooperative_net import LONGEST_S
 from coopsim.types import stack_xyz_yaw
 
 

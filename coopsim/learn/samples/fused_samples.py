@@ -16,9 +16,10 @@ from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, noisy, rotated, sweeps_of, thin
 from coopsim.learn.samples.targets import Targets, make_targets
 from coopsim.localization.odometry import Points
+from coopsim.nn.cooperative.perceiver import KINDS
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.detector.pillars import PillarBatch, Pillars, collate, pillarize
-from coopsim.nn.inference.perceiver import KINDS, way_to_world_cells
+from coopsim.nn.inference.canvas import way_to_world_cells
 from coopsim.types import BevGrid
 
 LATEST_S = 0.5

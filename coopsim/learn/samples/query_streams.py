@@ -16,13 +16,13 @@ from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.fused_samples import LATEST_S
 from coopsim.learn.samples.sample_frames import mirror, moved, rotated, sweeps_of, thin
 from coopsim.nn.cooperative.cooperative_net import CooperativeNet
-from coopsim.nn.cooperative.feature_flow import LONGEST_S, moved_on
+from coopsim.nn.cooperative.cooperative_net import LONGEST_S, moved_on
 from coopsim.nn.cooperative.warp import warp
 from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.detector.pillars import collate, pillarize
 from coopsim.nn.fusion import FusionContext, as_batch
-from coopsim.nn.inference.perceiver import way_to_world_cells
+from coopsim.nn.inference.canvas import way_to_world_cells
 from coopsim.nn.queries.query_net import SeenMap
 from coopsim.support.rng import stream
 from coopsim.types import BevGrid, stack_xyz_yaw

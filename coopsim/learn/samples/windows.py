@@ -22,7 +22,7 @@ from coopsim.geometry.se3 import SE3, Floats
 from coopsim.learn.clips.clip import AgentScene, Clip, Scene
 from coopsim.learn.samples.sample_frames import sweeps_of
 from coopsim.nn.covariance.box_numbers import NUMBERS, box_numbers, own_numbers
-from coopsim.nn.inference.cloud_detector import CloudDetector
+from coopsim.nn.inference.detectors import CloudDetector
 from coopsim.support.checks import require_choice, require_count, require_flag, require_frame_time
 from coopsim.support.rng import stream
 from coopsim.tracking.affinity import giou_3d

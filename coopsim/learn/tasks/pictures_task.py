@@ -22,7 +22,8 @@ from coopsim.learn.tasks.detector_task import found_map
 from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, weights_metadata
 from coopsim.learn.weights import load_detector, load_pictures, load_points_and_pictures, make_network, read_texts
 from coopsim.nn.camera.lift_splat import LiftSplatConfig, LiftSplatEncoder
-from coopsim.nn.camera.picture_detector import PictureDetectorNet, PointsAndPicturesNet
+from coopsim.nn.camera.lift_splat import PictureDetectorNet
+from coopsim.nn.camera.points_and_pictures import PointsAndPicturesNet
 from coopsim.nn.camera.picture_net import PictureFeatures
 from coopsim.nn.detector.detector_net import DetectorNet
 
@@ -123,8 +124,8 @@ def _seen(net: PictureDetectorNet | PointsAndPicturesNet, batch: PicturesOfBatch
     """Return what is seen in the pictures of a batch."""
     encoder = net.encoder
     if isinstance(encoder, LiftSplatEncoder):
-        return encoder.pictures.look(batch.pictures)
-    return encoder.look(batch.pictures)
+        return encoder.pictures.read(batch.pictures)
+    return encoder.read(batch.pictures)
 
 
 def _features(

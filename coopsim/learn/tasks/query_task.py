@@ -22,9 +22,9 @@ from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.query_streams import QueryStream, StreamCutter, TrueObjects, true_objects
 from coopsim.learn.tasks.training_task import LOSS, TrainingTask, mean_losses, weights_metadata
 from coopsim.learn.weights import load_detector, load_queries, make_network
-from coopsim.nn.inference.query_perceiver import seen_map
+from coopsim.nn.queries.perceiver import seen_map
 from coopsim.nn.queries.cooptrack_fusion import ReceivedInstances
-from coopsim.nn.queries.instance_pairs import sure_pairs
+from coopsim.nn.queries.instance_fusion import sure_pairs
 from coopsim.nn.queries.instances import Instances
 from coopsim.nn.queries.query_net import QueryConfig, QueryNet, QueryStep, SeenMap, kept_instances
 from coopsim.types import BevGrid
@@ -146,7 +146,7 @@ def _received(
                 (number - then) * sample.clip.dt_s,
             )
             known = sent[then, sender]
-            received.append(ReceivedInstances(known[known.score >= _LEAST_SHARED].as_heard(), placed, delay_s))
+            received.append(ReceivedInstances(known[known.score >= _LEAST_SHARED].as_received(), placed, delay_s))
     return sorted(received, key=lambda each: float(np.abs(each.receiver_SE3_sender.translation).max()))
 
 

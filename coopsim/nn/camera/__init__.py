@@ -1,1 +1,5 @@
-"""Networks that read pictures: what a picture shows, lifted into space and seen from above."""
+"""Networks that read pictures, lifted into space and seen from above.
+
+In: `picture_batch.PictureBatch`, the pictures of several agents with their calibrations. Out: features of the same kind
+as those of points. Start reading at `lift_splat`.
+"""

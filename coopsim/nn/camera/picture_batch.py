@@ -1,9 +1,10 @@
-"""The pictures of several agents as tensors, each with the place of its lines of sight on its agent's canvas."""
+"""Pictures of several agents as tensors, with the rays and measured depths of their cells on each agent's canvas."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -13,19 +14,14 @@ from torch import Tensor
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
-from coopsim.nn.camera.measured_depth import measured_depth
-from coopsim.nn.camera.sight import STRIDE_PX, cells_of, sight_of
+from coopsim.sensors.camera.distortion import undistort
+from coopsim.sensors.camera.projection import project
 from coopsim.types import BevGrid, CameraCalibration
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenPicture:
-    """A picture and how it was taken.
-
-    Attributes:
-        rgb: (H, W, 3) uint8.
-        calibration: of the camera, with its pose in the agent's base frame.
-    """
+    """Picture (H, W, 3) uint8, and the calibration of its camera in the agent's base frame."""
 
     rgb: NDArray[np.uint8]
     calibration: CameraCalibration
@@ -33,13 +29,13 @@ class SeenPicture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PictureView:
-    """All pictures of one agent, and the map that is made of them.
+    """Pictures of one agent, and the map on which they are laid.
 
     Attributes:
-        pictures: none is accepted: nothing is seen then.
+        pictures: any number of pictures.
         map_SE2_base: (3,) x m, y m, yaw rad: pose of the agent's base frame in the frame of the map.
         grid: cells of the canvas on which the pictures are laid.
-        mirrored: the map is seen in a mirror: y becomes -y, left and right of each picture change places.
+        mirrored: y becomes -y, left and right of each picture change places.
         points_m: (P, 3) in the base frame, whose depths in the pictures are measured; None: nothing is measured.
     """
 
@@ -56,7 +52,7 @@ class CameraViews:
 
     Attributes:
         rgb: (M, 3, H, W) uint8, of whole cells.
-        geometry: (M, 4, h, w), see `Sight`.
+        geometry: (M, 4, h, w), see `CellRays`.
         start: (M, 3) the camera's place: column and row in cells of the agent's canvas, and height in m.
         ray: (M, 3, h, w) the same per metre of depth.
         measured_m: (M, h, w) depth of the nearest point in each cell; 0: there is none.
@@ -123,7 +119,7 @@ def by_size(agents: Sequence[PictureView]) -> list[list[tuple[int, int]]]:
 
 def _on_canvas(picture: SeenPicture, agent: PictureView) -> tuple[NDArray[Any], ...]:
     """Return a picture with geometry, start, ray and measured depth of its cells, for an agent's canvas."""
-    sight, rgb = sight_of(picture.calibration), _filled_up(picture.rgb)
+    sight, rgb = cell_rays(picture.calibration), _filled_up(picture.rgb)
     x, y, yaw = agent.map_SE2_base
     turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
     start = np.append(turn @ sight.start_m[:2] + [x, y], sight.start_m[2])
@@ -159,3 +155,95 @@ def _joined(agents: Sequence[PictureView], places: Sequence[tuple[int, int]]) ->
         torch.from_numpy(measured_m),
         torch.tensor([number for number, _ in places]),
     )
+
+
+STRIDE_PX = 8
+"""Edge of a cell of a picture's features, in pixels."""
+
+GEOMETRY = 4
+"""Numbers that a network is told about each cell, see `CellRays`."""
+
+_REMEMBERED = 256
+_LOWEST_M = 0.05  # height over the ground below which a camera is taken to be at it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellRays:
+    """Rays through one camera's cells, in its agent's base frame, whose z = 0 is the ground.
+
+    Attributes:
+        start_m: (3,) the camera.
+        ray: (3, h, w) float32, through the middle of each cell: an object at a depth of d m along the optical axis is
+            at start_m + d * ray.
+        geometry: (4, h, w) float32: inverse depth of the nearest ground in the cell, in 1/dam (0: above the horizon);
+            elevation of the ray in rad; logarithm of cells per radian, less 3; logarithm of the camera's height in m.
+    """
+
+    start_m: Floats
+    ray: NDArray[np.float32]
+    geometry: NDArray[np.float32]
+
+
+def cell_rays(calibration: CameraCalibration) -> CellRays:
+    """Return the lines of sight of a camera; those of the last calibrations are remembered.
+
+    Raises:
+        InvalidValueError: the distortion folds the picture over.
+    """
+    pose = calibration.base_SE3_camera
+    numbers = (calibration.matrix, calibration.distortion, pose.rotation, pose.translation)
+    return _cell_rays(tuple(calibration.size), *(np.ascontiguousarray(each, np.float64).tobytes() for each in numbers))
+
+
+@lru_cache(_REMEMBERED)
+def _cell_rays(size: tuple[int, int], matrix: bytes, distortion: bytes, rotation: bytes, start: bytes) -> CellRays:
+    lens, turn, start_m = (
+        np.frombuffer(matrix).reshape(3, 3),
+        np.frombuffer(rotation).reshape(3, 3),
+        np.frombuffer(start),
+    )
+    rows, columns = cells_of(size)
+    folds = np.frombuffer(distortion)
+
+    def rays(across: float, down: float) -> Floats:
+        """Return the rays (3, h, w) through a place in each cell, in pixels from its first one."""
+        u = np.minimum(STRIDE_PX * np.arange(columns) + across, size[1] - 0.5)
+        v = np.minimum(STRIDE_PX * np.arange(rows) + down, size[0] - 0.5)
+        x, y = np.meshgrid((u - lens[0, 2]) / lens[0, 0], (v - lens[1, 2]) / lens[1, 1])
+        seen = np.column_stack([x.ravel(), y.ravel()])
+        if folds.any():
+            k1, k2, p1, p2, k3 = folds.tolist()
+            seen = undistort(seen, (k1, k2, p1, p2, k3))
+        directions: Floats = (np.column_stack([seen, np.ones(len(seen))]) @ turn.T).T.reshape(3, rows, columns)
+        return directions
+
+    last = STRIDE_PX - 1
+    ray = rays(last / 2, last / 2)
+    lowest = np.min([rays(across, down)[2] for across in (0, last) for down in (0, last)], axis=0)
+    above_m = max(float(start_m[2]), _LOWEST_M)
+    elevation = np.arctan2(ray[2], np.hypot(ray[0], ray[1]))
+    ground = 10.0 * np.maximum(-lowest, 0.0) / above_m
+    fine = np.full_like(elevation, np.log(lens[0, 0] / STRIDE_PX) - 3.0)
+    high = np.full_like(elevation, np.log(above_m))
+    return CellRays(start_m, ray.astype(np.float32), np.stack([ground, elevation, fine, high]).astype(np.float32))
+
+
+def cells_of(size: tuple[int, int]) -> tuple[int, int]:
+    """Return rows and columns of the features of a picture of this height and width."""
+    return -(-size[0] // STRIDE_PX), -(-size[1] // STRIDE_PX)
+
+
+def measured_depth(calibration: CameraCalibration, points_m: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Return the depth of the nearest point (P, 3), in the agent's base frame, in each cell of a picture, (h, w) m; 0
+    without.
+
+    Raises:
+        InvalidValueError: the points are of another shape, or the distortion folds the picture over.
+    """
+    rows, columns = cells_of(calibration.size)
+    found = project(calibration, points_m.astype(np.float64))
+    place = np.floor((found.place_px[found.inside] + 0.5) / STRIDE_PX).astype(np.int64)
+    cell = np.clip(place[:, 1], 0, rows - 1) * columns + np.clip(place[:, 0], 0, columns - 1)
+    nearest = np.full(rows * columns, np.inf)
+    np.minimum.at(nearest, cell, found.depth_m[found.inside])
+    return np.where(np.isfinite(nearest), nearest, 0.0).astype(np.float32).reshape(rows, columns)

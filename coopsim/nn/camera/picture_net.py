@@ -1,4 +1,9 @@
-"""The network on single pictures: features, depths and classes of their cells."""
+"""Network on single pictures: features, depths and classes of their cells.
+
+Depths are a choice among bins, which a network predicts better than a number, and can leave undecided. Bins grow
+linearly with depth (Reading et al., "Categorical Depth Distribution Network for Monocular 3D Object Detection", CVPR
+2021, section 3.1): the middle of bin k of K is near + (far - near) k (k + 1) / (K (K - 1)).
+"""
 
 from __future__ import annotations
 
@@ -10,9 +15,9 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from coopsim.errors import InvalidValueError
-from coopsim.nn.camera.depth_bins import DepthBins
-from coopsim.nn.camera.sight import GEOMETRY
+from coopsim.nn.camera.picture_batch import GEOMETRY
 from coopsim.nn.detector.encoder import conv
+from coopsim.support.checks import require_count, require_positive
 from coopsim.support.registry import Registry
 from coopsim.types.taxonomy import CLASS_NAMES
 
@@ -22,7 +27,7 @@ _UNLIKELY = 0.01  # share of bins in which the ground is not
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PictureFeatures:
-    """What a network sees in M pictures.
+    """Output of a network for M pictures.
 
     Attributes:
         features: (M, C, h, w).
@@ -43,11 +48,7 @@ from weights that were trained elsewhere."""
 
 @BACKBONES.register("small")
 class SmallBackbone(nn.Module):
-    """Convolutions at 2, 4, 8 and 16 pixels, of 16 to 64 channels, to be trained from scratch.
-
-    Args:
-        width: channels of the result.
-    """
+    """Convolutions at 2, 4, 8 and 16 pixels, of 16 to 64 channels, to be trained from scratch."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -67,14 +68,14 @@ class SmallBackbone(nn.Module):
 
 
 class PictureNet(nn.Module):
-    """A backbone, and what is read from its map.
+    """Backbone, and layers that read features, depths and classes from its map.
 
-    The depth of the ground along each line of sight is known for any camera. It is where the prediction of depth
-    begins: what stands on the ground is nearer than the ground behind it.
+    The depth of the ground along each ray is known for any camera. There the prediction of depth begins: an object on
+    the ground is nearer than the ground behind it.
 
     Args:
         features: C of a cell.
-        bins: of depth.
+        bins: bins of depth.
         backbone: name in `BACKBONES`.
         width: channels of the backbone's map.
     """
@@ -90,11 +91,8 @@ class PictureNet(nn.Module):
         self.label = nn.Conv2d(width, len(CLASS_NAMES) + 1, 1)
 
     def forward(self, rgb: Tensor, geometry: Tensor) -> PictureFeatures:
-        """Look at pictures.
-
-        Args:
-            rgb: (M, 3, H, W) in [0, 255].
-            geometry: (M, 4, h, w), see `coopsim.nn.camera.sight.Sight`.
+        """Read pictures (M, 3, H, W) in [0, 255], with the geometry (M, 4, h, w) of
+        `coopsim.nn.camera.picture_batch.CellRays`.
 
         Raises:
             InvalidValueError: the backbone gives maps of another shape than `BACKBONES` says.
@@ -114,3 +112,42 @@ class PictureNet(nn.Module):
         hidden = self.hidden(torch.cat([seen, ground], 1))
         depth = self.depth(hidden) + self.ground * torch.log(ground + _UNLIKELY)
         return PictureFeatures(self.features(hidden), depth, self.label(hidden))
+
+
+@dataclass(frozen=True, slots=True)
+class DepthBins:
+    """K bins of depth, of which the first and last middles are given, and one more for all beyond them."""
+
+    nearest_m: float = 2.0
+    farthest_m: float = 60.0
+    count: int = 64
+
+    def __post_init__(self) -> None:
+        require_positive(nearest_m=self.nearest_m, farthest_m=self.farthest_m)
+        require_count(2, 512, depth_bins=self.count)
+        if self.nearest_m >= self.farthest_m:
+            raise InvalidValueError(
+                f"nearest_m must be less than farthest_m, got {self.nearest_m!r} and {self.farthest_m!r}"
+            )
+
+    def middles(self) -> Tensor:
+        """Return the bins' middles, (K,) m."""
+        k = torch.arange(self.count, dtype=torch.float32)
+        return self.nearest_m + (self.farthest_m - self.nearest_m) * k * (k + 1) / (self.count * (self.count - 1))
+
+    def shares(self, depth_m: Tensor) -> Tensor:
+        """Return depths (M, ...) as shares of bins (M, K + 1, ...): of the two bins beside a depth, by nearness.
+
+        A depth before the first bin counts as in it. What is farther than the last one, or 0 for nothing, is beyond.
+        """
+        middles = self.middles().to(depth_m.device)
+        beyond = (depth_m <= 0) | (depth_m > self.farthest_m)
+        inside = depth_m.clamp(self.nearest_m, self.farthest_m)
+        above = torch.searchsorted(middles, inside.contiguous()).clamp(1, self.count - 1)
+        low, high = middles[above - 1], middles[above]
+        share = ((inside - low) / (high - low)).clamp(0, 1)
+        share, lower = share.masked_fill(beyond, 1.0), (above - 1).masked_fill(beyond, 0)
+        upper = above.masked_fill(beyond, self.count)
+        out = depth_m.new_zeros((depth_m.shape[0], self.count + 1, *depth_m.shape[1:]))
+        out.scatter_(1, lower[:, None], (1 - share)[:, None])
+        return out.scatter_add_(1, upper[:, None], share[:, None])

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from coopsim.errors import InvalidValueError
-from coopsim.nn.camera.conditional_merge import CONFIDENCES, ConditionalMerge
-from coopsim.nn.camera.depth_bins import DepthBins
 from coopsim.nn.camera.lift_splat import LiftSplatConfig, PictureCanvas
 from coopsim.nn.camera.picture_batch import PictureBatch
-from coopsim.nn.camera.picture_net import PictureFeatures
+from coopsim.nn.camera.picture_net import DepthBins, PictureFeatures
+from coopsim.nn.detector.centre_head import CentreHead
 from coopsim.nn.detector.encoder import PillarEncoder
 from coopsim.nn.detector.pillars import PillarBatch
 from coopsim.support.checks import require_count
@@ -31,7 +31,7 @@ class PointsAndPicturesConfig:
     """Sizes of the encoder.
 
     Attributes:
-        pictures: of the part that reads pictures; its maps are those of the encoder of points, too.
+        pictures: sizes of the encoder of pictures; its maps are those of the encoder of points, too.
         experts: kernels of each conditional convolution.
     """
 
@@ -43,11 +43,7 @@ class PointsAndPicturesConfig:
 
 
 class PointsAndPicturesEncoder(nn.Module):
-    """The encoder of points, on whose canvas pictures are laid as well. Without pictures it is that encoder alone.
-
-    Args:
-        config: its sizes.
-    """
+    """The encoder of points, on whose canvas pictures are laid as well. Without pictures it is that encoder alone."""
 
     def __init__(self, config: PointsAndPicturesConfig | None = None) -> None:
         super().__init__()
@@ -64,11 +60,11 @@ class PointsAndPicturesEncoder(nn.Module):
             InvalidValueError: rows or columns of the canvas do not divide by 8, or points and pictures are of different
                 numbers of agents or shapes of canvases.
         """
-        return self.of_canvas(points, pictures, self.look(pictures))
+        return self.of_canvas(points, pictures, self.read(pictures))
 
-    def look(self, pictures: PictureBatch) -> list[PictureFeatures]:
+    def read(self, pictures: PictureBatch) -> list[PictureFeatures]:
         """Return what is seen in each group of pictures, with depths as points correct them."""
-        seen = self.pictures.look(pictures)
+        seen = self.pictures.read(pictures)
         return [
             masked_depth(each, views.measured_m, self.trust, self.config.pictures.bins)
             for each, views in zip(seen, pictures.views, strict=True)
@@ -87,13 +83,8 @@ class PointsAndPicturesEncoder(nn.Module):
 
 
 def masked_depth(seen: PictureFeatures, measured_m: Tensor, trust: Tensor, bins: DepthBins) -> PictureFeatures:
-    """Return what is seen, with the logits of measured depths raised.
-
-    Args:
-        seen: in M pictures.
-        measured_m: (M, h, w); 0: nothing was measured.
-        trust: () by how much.
-        bins: of depth.
+    """Return the features of M pictures, with the logits of measured depths (M, h, w) raised by `trust`; 0: not
+    measured.
     """
     known = bins.shares(measured_m) * (measured_m > 0)[:, None]
     return PictureFeatures(seen.features, seen.depth + (trust * known).to(seen.depth), seen.label)
@@ -112,3 +103,65 @@ def confidences(canvas: Tensor, pictures: PictureBatch, seen: list[PictureFeatur
         count = count.index_add(0, views.agent, torch.ones_like(sure))
     out[:, 1:] /= count.clamp_min(1)[:, None]
     return out
+
+
+CONFIDENCES = 4
+"""Length of s: ten times the share of cells with points; mean over pictures of the largest share of a bin of depth;
+brightness of pictures; twice the standard deviation of their pixels."""
+
+
+class ConditionalConv(nn.Module):
+    """1 x 1 convolution whose kernel is a mixture of E, with weights for each sample: W = sum_e r_e W_e, r = sigmoid(R
+    s) (Yang et al., "CondConv: Conditionally Parameterized Convolutions for Efficient Inference", NeurIPS 2019, eq. 1).
+    """
+
+    def __init__(self, before: int, after: int, experts: int) -> None:
+        super().__init__()
+        self.kernels = nn.Parameter(torch.empty(experts, after, before))
+        self.biases = nn.Parameter(torch.zeros(experts, after))
+        self.route = nn.Linear(CONFIDENCES, experts)
+        for kernel in self.kernels.data:
+            nn.init.kaiming_uniform_(kernel, a=5**0.5)
+
+    def forward(self, maps: Tensor, confidences: Tensor) -> Tensor:
+        """Convolve maps (A, before, H, W) by the kernels of confidences (A, 4). Return (A, after, H, W)."""
+        weights = self.route(confidences).sigmoid().to(self.kernels.dtype)
+        kernels = torch.einsum("ae,eok->aok", weights, self.kernels)
+        biases = weights @ self.biases
+        each = [
+            functional.conv2d(maps[number : number + 1], kernel[:, :, None, None].to(maps.dtype), bias.to(maps.dtype))
+            for number, (kernel, bias) in enumerate(zip(kernels, biases, strict=True))
+        ]
+        return torch.cat(each)
+
+
+class ConditionalMerge(nn.Module):
+    """Add a canvas of pictures to a canvas of points, by kernels that depend on the confidences of both. A fresh one
+    adds nothing.
+
+    DINO-CoDT (He et al., 2025, section III-C) merges the voxels of both by "confidence-aware fusion with conditional
+    convolutions", without an equation.
+    """
+
+    def __init__(self, channels: int, experts: int = 4) -> None:
+        super().__init__()
+        self.first = ConditionalConv(2 * channels, channels, experts)
+        self.second = ConditionalConv(channels, channels, experts)
+        nn.init.zeros_(self.second.kernels)
+
+    def forward(self, points: Tensor, pictures: Tensor, confidences: Tensor) -> Tensor:
+        """Merge canvases (A, C, H, W) of both; where no picture laid anything, that of points stays as it is."""
+        hidden = functional.relu(self.first(torch.cat([points, pictures], 1), confidences))
+        laid = (pictures != 0).any(1, keepdim=True)
+        merged: Tensor = points + self.second(hidden, confidences) * laid
+        return merged
+
+
+class PointsAndPicturesNet(nn.Module):
+    """An encoder of points and pictures and the head on its features; state: `encoder.*`, `head.*`."""
+
+    def __init__(self, config: PointsAndPicturesConfig | None = None) -> None:
+        super().__init__()
+        self.config = config or PointsAndPicturesConfig()
+        self.encoder = PointsAndPicturesEncoder(self.config)
+        self.head = CentreHead(self.config.pictures.features)

@@ -1,1 +1,5 @@
-"""The network of cooperating agents: from messages to a map that is warped, expanded and fused."""
+"""Network of cooperating agents: from messages to a map that is warped, expanded and fused.
+
+In: `inference.encoders.SensedFrame` and other agents' `FeatureMap`s. Out: fused features and detections. Start reading
+at `perceiver`, which calls the rest in the order of a frame.
+"""

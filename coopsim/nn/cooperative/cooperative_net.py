@@ -1,4 +1,9 @@
-"""The cooperative network: what an agent's own network does not have, from the message to the fused map."""
+"""Network of cooperating agents, besides each agent's own: compress, expand, move in time, fuse, detect.
+
+Feature flow is that of Hu, Wang and Wang, "Integrated Detection and Tracking Framework for 3D Multi-Object Tracking in
+Vehicle-Infrastructure Cooperation", eq. 6-9, after FFNet (Yu et al., "Flow-Based Feature Fusion for
+Vehicle-Infrastructure Cooperative 3D Object Detection", NeurIPS 2023).
+"""
 
 from __future__ import annotations
 
@@ -7,9 +12,9 @@ from dataclasses import dataclass, field, replace
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
-from coopsim.nn.cooperative.expand import Expand
-from coopsim.nn.cooperative.feature_flow import FeatureFlow
+from coopsim.errors import InvalidValueError
 from coopsim.nn.detector.centre_head import RARE, CentreHead
 from coopsim.nn.detector.encoder import MOST_CHANNELS
 from coopsim.nn.fusion import FUSIONS, FeatureFusion, Foreground, FusionContext, as_batch
@@ -20,14 +25,14 @@ from coopsim.types.taxonomy import CLASS_NAMES
 
 @dataclass(frozen=True, slots=True)
 class CooperativeConfig:
-    """Everything but the weights.
+    """Sizes of the network.
 
     Attributes:
         fusion: name in `FUSIONS`.
-        parameters: of the fusion, by name.
+        parameters: parameters of the fusion, by name.
         message_channels: numbers a cell in a message.
         features: numbers a cell in the encoder's maps.
-        flow: width of the network that tells how a sender's map changes (`FeatureFlow`); 0: there is none.
+        flow: width of `FeatureFlow`; 0: there is none.
 
     Raises:
         InvalidValueError: a count is not positive, or larger than any network's.
@@ -47,17 +52,9 @@ class CooperativeConfig:
 class CooperativeNet(nn.Module):
     """Messages of an encoder's features, and the features that a receiver makes of its own map and those messages.
 
-    A sender calls `message`; a receiver warps what it gets by `coopsim.nn.cooperative.warp`, calls the network, and
-    gives the result to `.head`. Until others report something, the result is the own map itself.
-
-    Args:
-        fusion: how maps become one, made for `features` channels.
-        message_channels: numbers a cell in a message.
-        features: numbers a cell in the encoder's maps.
-        flow: width of the network of maps' change; 0: there is none.
-
-    Attributes:
-        config: the options; only of a network that was made `from_config`.
+    A sender calls `message`; a receiver warps messages by `coopsim.nn.cooperative.warp`, calls the network, and gives
+    the result to `.head`. Until others report something, the result is the own map itself. Arguments are as in
+    `CooperativeConfig`, with a fusion made for `features` channels; `config` is set by `from_config` alone.
     """
 
     config: CooperativeConfig
@@ -95,10 +92,8 @@ class CooperativeNet(nn.Module):
         return net
 
     def message(self, features: Tensor) -> tuple[Tensor, Tensor]:
-        """Return what A agents send: values (A, C, h, w), and how sure they are of each cell (A, h, w) in [0, 1].
-
-        Args:
-            features: (A, features, h, w), of the encoder.
+        """Return the message of A agents' features (A, features, h, w): values (A, C, h, w) and confidences (A, h, w)
+        in [0, 1].
         """
         values: Tensor = self.compress(features).float()
         return values, self.confidence(features)
@@ -114,9 +109,9 @@ class CooperativeNet(nn.Module):
         Args:
             own: (features, H, W) >= 0, the receiver's own features, uncompressed, zero where its map does not reach.
             own_mask: (H, W) bool, where it reaches.
-            received: (S, C, H, W), what S senders sent, warped.
+            received: (S, C, H, W), the messages of S senders, warped.
             mask: (S, H, W) bool, the valid cells of it.
-            context: of the senders; a missing confidence of the own map is computed.
+            context: facts about the senders; a missing confidence of the own map is computed.
         """
         if not len(received):
             return own
@@ -125,9 +120,9 @@ class CooperativeNet(nn.Module):
     def with_beliefs(
         self, own: Tensor, own_mask: Tensor, received: Tensor, mask: Tensor, context: FusionContext
     ) -> tuple[Tensor, list[Foreground]]:
-        """Return fused features, and what the fusion believes about where objects are, for a loss that teaches both.
+        """Return fused features, and the fusion's foreground logits, for a loss that teaches both.
 
-        Arguments as of `forward`, with one sender at least. What was received is expanded once for both.
+        Arguments as of `forward`, with one sender at least. Messages are expanded once for both.
         """
         prepared = self._prepare(own, own_mask, received, mask, context)
         return self._refined(*prepared), self.fusion.foreground(*prepared)
@@ -148,3 +143,115 @@ class CooperativeNet(nn.Module):
         if sure is None and context.confidence is not None:
             sure = self.confidence(as_batch(own))[0]
         return own, own_mask, others, mask, replace(context, own_confidence=sure)
+
+
+_SCALES_S = (0.1, 0.3, 1.0)
+
+
+class Expand(nn.Module):
+    """Expand compressed features: a 3x3 convolution of each channel, then in each cell two layers with ReLU.
+
+    Late features may be spread over their surroundings, weakened or dropped: the kernel of the convolution, the bias of
+    the hidden layer and the gain of each feature are base + D s, where s = 1 - exp(-delay / (0.1, 0.3, 1 s)) is 0 for a
+    message without delay and at most 1 for any, and D starts as zeros. Thanks to the hidden layer eight channels lose a
+    head about as little as sixteen would without.
+    """
+
+    def __init__(self, channels: int, features: int, hidden: int = 32) -> None:
+        super().__init__()
+        self.spread = nn.Parameter(torch.zeros(channels, 1, 3, 3))
+        self.hidden = nn.Linear(channels, hidden)
+        self.mix = nn.Linear(hidden, features)
+        self.delayed = nn.Linear(len(_SCALES_S), channels * 9 + hidden + features, bias=False)
+        self.register_buffer("scales_s", torch.tensor(_SCALES_S), persistent=False)
+        nn.init.zeros_(self.delayed.weight)
+        with torch.no_grad():
+            self.spread[:, :, 1, 1] = 1.0
+
+    def forward(self, received: Tensor, delay_s: Tensor) -> Tensor:
+        """Expand (S, C, H, W), S >= 1, of delays (S,) to (S, features, H, W) >= 0."""
+        channels, hidden, features = self.hidden.in_features, self.hidden.out_features, self.mix.out_features
+        scales_s = self.get_buffer("scales_s")
+        late = 1 - torch.exp(-delay_s.to(scales_s).clamp_min(0)[:, None] / scales_s)
+        kernel, bias, gain = self.delayed(late).float()[:, None].split([channels * 9, hidden, features], 2)
+        cells = self._spread(received, kernel)
+        size = cells.shape[:3]
+        within = torch.matmul(cells.flatten(1, 2), self.hidden.weight.T)
+        within = within.add_((self.hidden.bias + bias).to(within.dtype)).relu_()
+        expanded = torch.bmm(within, self.mix.weight.T * (1 + gain))
+        expanded = expanded.add_((self.mix.bias * (1 + gain)).to(expanded.dtype)).relu_()
+        return expanded.view(*size, features).permute(0, 3, 1, 2)
+
+    def _spread(self, received: Tensor, kernel: Tensor) -> Tensor:
+        """Return the maps (S, H, W, C) after the first convolution, with a kernel (S, 1, 9 C) added for each sender."""
+        kernels = (self.spread.flatten() + kernel).view(-1, *self.spread.shape)
+        # Slices of a batch, as single maps would not be recognised as channels last, and copied.
+        spread = [
+            functional.conv2d(received[sender : sender + 1], each, padding=1, groups=len(each))
+            for sender, each in enumerate(kernels)
+        ]
+        return torch.cat(spread).permute(0, 2, 3, 1)
+
+
+LONGEST_S = 0.5
+"""Maps further apart than this have too little in common for a derivative, with a little room for rounding."""
+
+
+class FeatureFlow(nn.Module):
+    """Derivative of a sender's features in time, from its map now and the one before.
+
+    Three scales, joined: at cells of 1.2 m the coarsest layers see 60 m, farther than anything moves in a second. The
+    last layer starts as zeros: at first nothing moves.
+    """
+
+    def __init__(self, channels: int, width: int) -> None:
+        super().__init__()
+        wide = 2 * width
+        self.near = nn.Sequential(_conv(2 * channels + 1, width), _conv(width, width))
+        self.middle = nn.Sequential(_conv(width, wide, 2), _conv(wide, wide))
+        self.far = nn.Sequential(_conv(wide, wide, 2), _conv(wide, wide), _conv(wide, wide))
+        self.sides = nn.ModuleList(nn.Conv2d(each, width, 1) for each in (width, wide, wide))
+        self.join = _conv(3 * width, width)
+        self.last = start_as_zeros(nn.Conv2d(width, channels, 1))
+
+    def forward(self, now: Tensor, before: Tensor, known: Tensor, interval_s: Tensor) -> Tensor:
+        """Return derivatives (A, C, h, w), per second.
+
+        Args:
+            now: (A, C, h, w), the features of A senders.
+            before: (A, C, h, w), those before, brought into their frame of now; zeros where not `known`.
+            known: (A, h, w) bool, the cells that the map before reaches.
+            interval_s: (A,) time between both, > 0.
+        """
+        scales = [self.near(torch.cat([now, before, known[:, None].to(now.dtype)], 1))]
+        for scale in (self.middle, self.far):
+            scales.append(scale(scales[-1]))
+        sides = [side(each) for side, each in zip(self.sides, scales, strict=True)]
+        size = sides[0].shape[-2:]
+        sides[1:] = [functional.interpolate(each, size=size, mode="nearest") for each in sides[1:]]
+        change: Tensor = self.last(self.join(torch.cat(sides, 1))).float()
+        return change / interval_s.view(-1, 1, 1, 1).to(change)
+
+
+def moved_on(values: Tensor, change: Tensor, delay_s: Tensor) -> Tensor:
+    """Return maps F (A, C, h, w) after delays (A,), F + dt F' (eq. 9); without delay the maps themselves, bit for bit.
+
+    Raises:
+        InvalidValueError: shapes differ.
+    """
+    if values.shape != change.shape or delay_s.shape != values.shape[:1]:
+        raise InvalidValueError(
+            f"change must have the shape {tuple(values.shape)} of the maps, and delay_s a number for each, got "
+            f"{tuple(change.shape)} and {tuple(delay_s.shape)}"
+        )
+    delay = delay_s.view(-1, 1, 1, 1).to(values)
+    return torch.where(delay == 0, values, values + delay * change)
+
+
+def _conv(before: int, after: int, stride: int = 1) -> nn.Sequential:
+    """Return a 3 x 3 convolution with ReLU, normalised over each map by itself.
+
+    Messages change while the network learns them. Without normalisation all units fall below zero on the way, and no
+    gradient brings them back.
+    """
+    return nn.Sequential(nn.Conv2d(before, after, 3, stride, 1), nn.GroupNorm(1, after), nn.ReLU())

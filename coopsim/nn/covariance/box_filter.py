@@ -19,12 +19,7 @@ STATE = 10
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TensorBeliefs:
-    """Gaussian beliefs about N objects.
-
-    Attributes:
-        mean: (N, 10).
-        covariance: (N, 10, 10).
-    """
+    """Gaussian beliefs about N objects: mean (N, 10), covariance (N, 10, 10)."""
 
     mean: Tensor
     covariance: Tensor
@@ -46,12 +41,12 @@ class TensorBeliefs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoxFilter:
-    """A constant-velocity filter of boxes, as `ConstantVelocity`.
+    """Constant-velocity filter of boxes, equal to `ConstantVelocity`.
 
     Attributes:
         growth_per_s: (7,) growth of the variances of boxes, per second.
-        speed_growth_per_s: () of the variances of velocities.
-        speed_variance: () of velocities, when a track begins.
+        speed_growth_per_s: () growth of the variances of velocities.
+        speed_variance: () variance of velocities, when a track begins.
     """
 
     growth_per_s: Tensor
@@ -78,15 +73,13 @@ class BoxFilter:
 
     @staticmethod
     def update(beliefs: TensorBeliefs, innovation: Tensor, noise: Tensor) -> tuple[TensorBeliefs, Tensor]:
-        """Return the beliefs after one more measurement each, in the Joseph form, and the Cholesky factors of S.
+        """Return N beliefs after one more measurement each, in the Joseph form, and L (N, 7, 7) with L L^T = S = H P
+        H^T + R.
 
         Args:
-            beliefs: of N objects.
-            innovation: (N, 7), of `innovation_of`.
+            beliefs: beliefs about N objects.
+            innovation: (N, 7), from `innovation_of`.
             noise: (N, 7, 7) covariances of the measurements.
-
-        Returns:
-            Beliefs, and L (N, 7, 7) with L L^T = S = H P H^T + R.
         """
         prior = beliefs.covariance
         factor = torch.linalg.cholesky(prior[:, :MEASURED, :MEASURED] + noise)

@@ -1,4 +1,4 @@
-"""What a network is told of a box: where it is, as seen by the receiver and by the sensor that detected it."""
+"""Inputs of the covariance network for a box: its place, seen by the receiver and by the sensor that detected it."""
 
 from __future__ import annotations
 

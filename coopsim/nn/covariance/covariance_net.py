@@ -15,14 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.nn.covariance.box_filter import BoxFilter
 from coopsim.nn.covariance.box_numbers import ANGLES, NUMBERS, SCORE, SHORT
-from coopsim.nn.covariance.box_patch import PLACES
 from coopsim.support.checks import require_count, require_flag
 from coopsim.tracking.motion.constant_velocity import MEASURED, ConstantVelocity
+from coopsim.types import BevGrid
 
 LEAST_VARIANCE, MOST_VARIANCE = 1e-4, 1e2
 """Bounds of a learned variance, m^2 or rad^2."""
@@ -41,9 +42,9 @@ class CovarianceConfig:
 
     Attributes:
         codes: numbers that each input becomes: sines and cosines.
-        widths: of the hidden layers.
-        constant: the same covariance for all boxes, learned alike: what a learned one has to beat.
-        features: of a cell of the detecting agent's map, which the network reads around the box; 0: it does not.
+        widths: widths of the hidden layers.
+        constant: learn one covariance for all boxes, as a baseline.
+        features: channels of the detecting agent's map, which the network reads around the box; 0: it does not.
         seen: numbers that it makes of these.
     """
 
@@ -74,9 +75,6 @@ class CovarianceNet(nn.Module):
 
     The result is diagonal in the receiver's base frame, as the source's is. A filter weighs a box by its variance
     against that of the prediction, so the growth of the latter is learned along: nine numbers, the same for all.
-
-    Args:
-        config: sizes.
     """
 
     def __init__(self, config: CovarianceConfig) -> None:
@@ -101,11 +99,8 @@ class CovarianceNet(nn.Module):
         self.register_buffer("scale", unit[:, None] * frequency, persistent=False)
 
     def forward(self, numbers: Tensor, patches: Tensor | None = None) -> Tensor:
-        """Return the variances (N, 7) of x, y, z, l, w, h, yaw.
-
-        Args:
-            numbers: (N, 19) float32, of `box_numbers`.
-            patches: (N, 9 C) float32, of `box_patches`; None: the network reads no features.
+        """Return the variances (N, 7) of x, y, z, l, w, h, yaw, of `box_numbers` (N, 19) and, if features are read,
+        `box_patches`.
         """
         scale = self.base.expand(len(numbers), -1)
         if self.hidden is not None and self.last is not None:
@@ -164,3 +159,27 @@ def _logit(variance: float) -> float:
     lowest, highest = math.log(LEAST_VARIANCE), math.log(MOST_VARIANCE)
     share = (math.log(variance) - lowest) / (highest - lowest)
     return math.log(share / (1 - share))
+
+
+PLACES = 3
+"""Places along the length, and across the width, of a box at which the map is read."""
+
+_REACH = 0.75  # of length and width, from the box's middle: the outer places are beyond its sides
+
+
+def box_patches(features: Tensor, boxes: Tensor, grid: BevGrid) -> Tensor:
+    """Return the features (N, 9 C) at 3 x 3 places in and around boxes, row by row from the left of the back.
+
+    The places turn with the box, unlike the source's: so an object looks the same whatever its heading. Between cells
+    features (C, h, w) are interpolated; beyond the map they are zero. Boxes (N, 7) are in the frame of the grid.
+    """
+    steps = torch.linspace(-_REACH, _REACH, PLACES, dtype=features.dtype, device=features.device)
+    boxes = boxes.to(features)
+    ahead, left = (each.flatten() for each in torch.meshgrid(steps, -steps, indexing="ij"))
+    ahead, left = boxes[:, 3:4] * ahead, boxes[:, 4:5] * left
+    cos, sin = boxes[:, 6:7].cos(), boxes[:, 6:7].sin()
+    x, y = boxes[:, 0:1] + cos * ahead - sin * left, boxes[:, 1:2] + sin * ahead + cos * left
+    (x_low, x_high), (y_low, y_high) = grid.x_m, grid.y_m
+    places = torch.stack([2 * (x - x_low) / (x_high - x_low) - 1, 2 * (y - y_low) / (y_high - y_low) - 1], dim=-1)
+    found = functional.grid_sample(features[None], places[None], align_corners=False)  # (1, C, N, 9)
+    return found[0].permute(1, 2, 0).flatten(1)

@@ -101,12 +101,9 @@ def residuals(code: Tensor, target: Tensor, yaw: Tensor, cell_m: float) -> Tenso
 
 
 def covariances(log_variance: Tensor, boxes: Tensor) -> Tensor:
-    """Return covariances (N, 7, 7) of x, y, z, l, w, h, yaw.
+    """Return covariances (N, 7, 7) of x, y, z, l, w, h, yaw, from the log variances (N, 7) of `residuals`.
 
-    Args:
-        log_variance: (N, 7) of the errors in `residuals`.
-        boxes: (N, 7) the decoded boxes: variances along and across are turned with them, those of logs of sizes become
-            metres.
+    Variances along and across are turned with the decoded boxes (N, 7), those of logs of sizes become metres.
     """
     variance = torch.exp(log_variance.double().clamp(-8.0, 4.0))
     cos, sin = torch.cos(boxes[:, 6]).double(), torch.sin(boxes[:, 6]).double()

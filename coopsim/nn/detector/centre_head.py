@@ -16,13 +16,9 @@ RARE = -math.log((1 - 0.02) / 0.02)
 
 
 class CentreHead(nn.Module):
-    """Heat of each class in each cell, and a code of the box (see `box_code`) for the cells that are asked for.
+    """Heat of each class in each cell, and a code of the box (see `box_code`) for selected cells.
 
-    Codes are computed where a centre is, or is thought to be, and nowhere else: that is nearly free.
-
-    Args:
-        channels: of the features.
-        classes: number of classes.
+    Codes are computed only where a centre is or may be: that is nearly free.
     """
 
     def __init__(self, channels: int = 64, classes: int = len(CLASS_NAMES)) -> None:

@@ -9,11 +9,7 @@ from coopsim.nn.detector.encoder import EncoderConfig, PillarEncoder
 
 
 class DetectorNet(nn.Module):
-    """An encoder of points and the head on its features; state: `encoder.*`, `head.*`.
-
-    Args:
-        config: sizes of the encoder.
-    """
+    """An encoder of points and the head on its features; state: `encoder.*`, `head.*`."""
 
     def __init__(self, config: EncoderConfig | None = None) -> None:
         super().__init__()

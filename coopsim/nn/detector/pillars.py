@@ -27,7 +27,7 @@ _COARSE = 4
 
 @dataclass(frozen=True, slots=True)
 class GroundSettings:
-    """How points on the ground are told from others. They are dropped: half of all points lie there.
+    """Rule that tells points on the ground from others. They are dropped: half of all points lie there.
 
     Attributes:
         relief_m: the ground under a point is within this height of the agent's own ground. Raise it for hilly places.
@@ -85,7 +85,7 @@ def pillarize(points: NDArray[np.float32], grid: BevGrid, ground: GroundSettings
     Args:
         points: (P, 5): x, y, z m in the frame of the grid, whose z = 0 is the ground under the agent; intensity; age s.
         grid: the pillars.
-        ground: how the ground is found; None: as by default.
+        ground: rule of the ground; None: the default.
 
     Raises:
         InvalidValueError: points have another shape, or are not finite.

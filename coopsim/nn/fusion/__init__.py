@@ -1,4 +1,7 @@
-"""Fusions of several agents' feature maps, one file each. Importing registers them in `FUSIONS`."""
+"""Fusions of several agents' feature maps, one file each. Importing registers them in `FUSIONS`.
+
+In: the receiver's map and the others', warped and expanded. Out: one map. Start reading at `feature_fusion`.
+"""
 
 from coopsim.nn.fusion.attfuse import AttFuse
 from coopsim.nn.fusion.cobevt import CoBEVT

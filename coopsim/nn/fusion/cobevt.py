@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 from torch import Tensor, nn
 
-from coopsim.nn.attention.windows import WindowAttention, feed_forward
-from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext, start_as_zeros
-from coopsim.nn.fusion.patches import Patches
+from coopsim.nn.attention import WindowAttention, feed_forward
+from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext, Patches, start_as_zeros
 from coopsim.support.checks import require_choice, require_count
 
 
@@ -31,16 +30,13 @@ class CoBEVT(FeatureFusion):
     """Fuse by blocks of two attentions over the tokens of all agents (FAX, section 3.2), each with a feed-forward part.
 
     The first is among neighbours, in windows of 4 x 4 tokens of each agent; the second among 4 x 4 tokens of each agent
-    that lie a quarter of the map apart, so that their distance depends on the size of the map, as in the paper. With
-    y_j the tokens of agent j after the last block,
+    that lie a quarter of the map apart, as in the paper. With y_j the tokens of agent j after the last block,
 
         y_0 = LayerNorm(mean_j y_j)
 
-    over the agents valid there. Cells are fused as `Patches` has it, with logits that are linear in y_j.
-
-    The published code averages over rows that pad the number of agents, too, so that its result depends on how many
-    there could be, and has a bias for each pair of places in the list of agents; here the mean is of the valid ones,
-    and biases only tell an agent's own tokens from another's.
+    over the agents valid there. Cells are fused by `Patches`, with logits that are linear in y_j. The published code
+    also averages over rows that pad the number of agents, and has a bias for each pair of places in the list of agents;
+    here the mean is over valid agents, and biases only tell an agent's own tokens from another's.
 
     Args:
         features: number of channels.
@@ -73,7 +69,7 @@ class CoBEVT(FeatureFusion):
 
 
 class _Attention(nn.Module):
-    """One of the two attentions of a block, and what follows it."""
+    """Attention of a block, and the feed-forward part that follows it."""
 
     def __init__(self, size: _Size, spread: bool) -> None:
         super().__init__()

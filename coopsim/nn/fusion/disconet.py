@@ -10,7 +10,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from coopsim.nn.attention.pair_weights import PairWeights
+from coopsim.nn.attention import PairWeights
 from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext, masked_softmax, weighted_sum
 from coopsim.support.checks import require_choice, require_count
 

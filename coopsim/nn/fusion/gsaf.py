@@ -9,10 +9,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from coopsim.nn.attention.pair_weights import PairWeights
-from coopsim.nn.attention.windows import WindowAttention
-from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext, start_as_zeros
-from coopsim.nn.fusion.patches import Patches
+from coopsim.nn.attention import PairWeights, WindowAttention
+from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext, Patches, start_as_zeros
 from coopsim.support.checks import require_choice, require_count
 
 

@@ -79,12 +79,9 @@ class V2VNet(FeatureFusion):
 
 
 class ConvGRU(nn.Module):
-    """A gated recurrent unit whose layers are 3 x 3 convolutions (Ballas et al., ICLR 2016).
+    """Gated recurrent unit whose layers are 3 x 3 convolutions (Ballas et al., ICLR 2016).
 
     With z and r of the state h and the input m, h <- (1 - z) h + z relu(conv([r h ; m])).
-
-    Args:
-        features: channels of state and input.
     """
 
     def __init__(self, features: int) -> None:

@@ -70,7 +70,7 @@ class ClipTeachers(nn.Module):
         return super().train(False)
 
     def vectors(self, label: Ints, boxes: Floats, crops: Sequence[Crop | None]) -> Mapping[str, tuple[Tensor, Tensor]]:
-        """Return by teacher's name, "image" and "text", the rows (K,) that it has vectors of, and these: (K, dim).
+        """Return by teacher's name, "image" and "text", the rows (K,) with vectors, and these: (K, dim).
 
         Args:
             label: (M,) classes.

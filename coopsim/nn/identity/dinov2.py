@@ -28,15 +28,15 @@ _MEAN, _DEVIATION = (123.675, 116.28, 103.53), (58.395, 57.12, 57.375)  # of Ima
 
 
 class DinoV2(nn.Module):
-    """A frozen DINOv2 that describes crops.
+    """Frozen DINOv2 that embeds crops.
 
     The vectors are tokens as the block gives them, without the normalisation behind the last block.
 
     Args:
-        model: folder with the model as `transformers` stores it, or its id on the hub, as "facebook/dinov2-giant": it
-            is downloaded unless it is there already.
-        block: whose output is taken, counted from 1; None: `PAPERS_BLOCK`, or the last one if there are fewer. Blocks
-            behind it are left out.
+        model: folder with the model as `transformers` stores it, or its id on the hub, such as "facebook/dinov2-giant":
+            it is downloaded unless it is there already.
+        block: number of the block whose output is taken, from 1; None: `PAPERS_BLOCK`, or the last one if there are
+            fewer. Blocks behind it are left out.
         pooling: one of `POOLINGS`.
 
     Raises:

@@ -8,13 +8,17 @@ same object.
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
 from coopsim.errors import InvalidValueError
+from coopsim.geometry.se3 import Floats
 from coopsim.nn.detector.encoder import MOST_CHANNELS, conv
 from coopsim.support.checks import require_between, require_count
 
@@ -26,7 +30,7 @@ class PictureIdentityConfig:
     Attributes:
         edge_px: edge of a resized crop; a multiple of 8.
         margin: share of width and height that a crop has around the box, on each side.
-        channels: of the maps at 2, 2, 4 and 8 pixels of the resized crop.
+        channels: channels of the maps at 2, 2, 4 and 8 pixels of the resized crop.
         dim: D, length of a vector.
     """
 
@@ -51,10 +55,7 @@ class PictureIdentityConfig:
 class PictureIdentityNet(nn.Module):
     """Convolutions, then the mean of each channel and row of the map, and its largest value, then a vector of length 1.
 
-    Rows stay apart and columns do not: what is above and below is the same from all sides, what is left and right not.
-
-    Args:
-        config: sizes.
+    Rows stay apart and columns do not: above and below are the same from all sides, left and right are not.
     """
 
     def __init__(self, config: PictureIdentityConfig) -> None:
@@ -76,9 +77,38 @@ class PictureIdentityNet(nn.Module):
         """Return unit vectors (K, D).
 
         Args:
-            crops: (K, 3, E, E) in [0, 255], of `coopsim.nn.identity.cut_crops.cut_crops`.
+            crops: (K, 3, E, E) in [0, 255], of `coopsim.nn.identity.picture_identity_net.cut_crops`.
         """
         seen = (crops.float() / 127.5 - 1).contiguous(memory_format=torch.channels_last)
         maps = self.maps(seen)
         vectors = self.last(torch.cat([maps.mean(dim=3).flatten(1), maps.amax(dim=(2, 3))], dim=1))
         return functional.normalize(vectors.float(), dim=1)
+
+
+_LEAST_PX = 2
+
+
+def cut_crops(rgb: NDArray[np.uint8], place_px: Floats, edge_px: int, margin: float) -> Tensor:
+    """Cut rectangles out of a picture (H, W, 3) and resize them to squares, (K, 3, E, E) float32 in [0, 255].
+
+    Args:
+        rgb: the picture.
+        place_px: (K, 4) first column, first row, last column, last row, edges as of
+            `coopsim.sensors.camera.crops.Crops`; finite.
+        edge_px: E, edge of a resized crop.
+        margin: background on each side, as a share of the rectangle's width or height, within the picture.
+    """
+    crops = torch.empty(len(place_px), 3, edge_px, edge_px)
+    for number, (left, top, right, bottom) in enumerate(place_px.tolist()):
+        beside, above = margin * (right - left), margin * (bottom - top)
+        columns = _pixels(left - beside, right + beside, rgb.shape[1])
+        rows = _pixels(top - above, bottom + above, rgb.shape[0])
+        part = torch.from_numpy(rgb[rows, columns].transpose(2, 0, 1).astype(np.float32))
+        crops[number] = functional.interpolate(part[None], (edge_px, edge_px), mode="bilinear", antialias=True)[0]
+    return crops
+
+
+def _pixels(first: float, last: float, length: int) -> slice:
+    """Return the pixels that an interval of a row or column touches, at least two of them."""
+    begin = min(max(math.floor(first + 0.5), 0), max(length - _LEAST_PX, 0))
+    return slice(begin, min(max(math.ceil(last + 0.5), begin + _LEAST_PX), length))

@@ -7,15 +7,19 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
 from coopsim.errors import InvalidValueError
-from coopsim.nn.identity.object_points import LEAST_POINTS, NUMBERS, PointBatch
+from coopsim.geometry.se3 import Floats
+from coopsim.nn.inference.backend import PROCESSOR
 from coopsim.support.checks import require_choice, require_count, require_flag
 
 _SIZES = {
@@ -32,9 +36,9 @@ class PointIdentityConfig:
 
     Attributes:
         size: "small", or "paper" with the source's widths.
-        widths: of the first five layers; None: those of the size.
+        widths: widths of the first five layers; None: those of the size.
         dim: length of the vector; None: that of the size.
-        points: most points of an object that are looked at; None: those of the size.
+        points: most points of an object that are read; None: those of the size.
         box: also give the network the box's length, width and height; not in the source.
     """
 
@@ -60,20 +64,15 @@ class PointIdentityConfig:
 
 
 class PointIdentityNet(nn.Module):
-    """From the points of objects to unit vectors that tell them apart.
+    """Encode the points of objects as unit vectors that tell them apart.
 
     The features of a point are those of the second and of the fifth layer. Their largest values over an object's points
-    are its global part (eq. 1). Its local part is their mean, weighted by what the sixth layer makes of the second's
+    are its global part (eq. 1). Its local part is their mean, weighted by the sixth layer's output for the second's
     features (eq. 2). Both are weighed by learned vectors and added, and the seventh layer makes the result (eq. 3).
 
-    Where the source leaves a choice:
-        The sum below the fraction of eq. 2 is printed as over channels, with which the result would grow with the
-        number of points. It is taken over the points, so that any number of them is accepted.
-        Weights are made positive by a softplus, as a sum of weights of any sign may be zero.
-        Layers but the sixth and the seventh end in a layer normalization and a ReLU; the source names neither.
-
-    Args:
-        config: sizes.
+    Where the source leaves a choice: the sum below the fraction of eq. 2 is taken over the points, not over channels as
+    printed, so that any number of points is accepted; weights are made positive by a softplus, since a sum of weights
+    of any sign may be zero; layers but the sixth and the seventh end in a layer normalization and a ReLU.
     """
 
     def __init__(self, config: PointIdentityConfig) -> None:
@@ -110,3 +109,89 @@ class PointIdentityNet(nn.Module):
 
 def _layer(inputs: int, outputs: int) -> nn.Sequential:
     return nn.Sequential(nn.Linear(inputs, outputs), nn.LayerNorm(outputs), nn.ReLU())
+
+
+LEAST_POINTS = 5
+"""Fewer points are no appearance."""
+
+NUMBERS = 7
+"""Of a point: x, y, z m from the box's middle along its axes, intensity, and length, width and height of the box, m."""
+
+_GIVEN = 4
+
+_MARGIN_M = 0.15
+"""What a box is larger on its sides and above; a detector's is seldom exact."""
+
+_SOLE_M = 0.1
+"""What it is shorter at the bottom, where the ground is."""
+
+ObjectPoints = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointBatch:
+    """Points (P, 7) of M objects, one object after the other, and the number (M,) of points of each, which may be 0."""
+
+    points: Tensor
+    counts: Tensor
+
+
+def points_in_boxes(points: NDArray[np.floating], boxes: Floats, most: int) -> list[ObjectPoints]:
+    """Return the points (n, 7), n <= most, in each box (N, 7), of points (P, 4 or more) x, y, z m and intensity.
+
+    The result does not depend on the order of the points: they are sorted along the box, and if they are too many,
+    every k-th is taken, so that both ends keep their share.
+    """
+    x, y = np.ascontiguousarray(points[:, :2].T)
+    return [_inside(points, x, y, box, most) for box in boxes]
+
+
+def join_points(objects: Sequence[ObjectPoints]) -> PointBatch:
+    """Return the points of objects as a batch."""
+    points = np.concatenate([np.zeros((0, NUMBERS), np.float32), *objects])
+    return PointBatch(torch.from_numpy(points), torch.tensor([len(each) for each in objects], dtype=torch.int64))
+
+
+def _inside(
+    points: NDArray[np.floating], x: NDArray[np.floating], y: NDArray[np.floating], box: Floats, most: int
+) -> ObjectPoints:
+    reach = float(np.hypot(box[3], box[4])) / 2 + 2 * _MARGIN_M
+    rows = np.flatnonzero(np.abs(x - float(box[0])) <= reach)
+    rows = rows[np.abs(y[rows] - float(box[1])) <= reach]
+    near = points[rows, :_GIVEN].astype(np.float64)
+    dx, dy, z = near[:, 0] - box[0], near[:, 1] - box[1], near[:, 2] - box[2]
+    cos, sin = np.cos(box[6]), np.sin(box[6])
+    ahead, left = cos * dx + sin * dy, cos * dy - sin * dx
+    inside = (
+        (np.abs(ahead) <= box[3] / 2 + _MARGIN_M)
+        & (np.abs(left) <= box[4] / 2 + _MARGIN_M)
+        & (z >= _SOLE_M - box[5] / 2)
+        & (z <= box[5] / 2 + _MARGIN_M)
+    )
+    found: ObjectPoints = np.column_stack([ahead, left, z, near[:, 3]])[inside].astype(np.float32)
+    found = found[np.lexsort(found.T[::-1])]
+    if len(found) > most:
+        found = found[np.round(np.linspace(0, len(found) - 1, most)).astype(int)]
+    return np.column_stack([found, np.broadcast_to(box[3:6].astype(np.float32), (len(found), 3))])
+
+
+class PointEmbedder:
+    """Vectors of the objects in boxes."""
+
+    def __init__(self, net: PointIdentityNet) -> None:
+        most: Any = net.config.points
+        self._net, self._most, self.dim = net, int(most), net.dim
+
+    def of(self, points: NDArray[np.floating], boxes: Floats) -> Floats:
+        """Return vectors (N, D) of length 1; zeros where there are too few points, or a box is not finite.
+
+        Args:
+            points: (P, 4) x, y, z m and intensity.
+            boxes: (N, 7) x, y, z, l, w, h, yaw in the same frame.
+        """
+        looks, finite = np.zeros((len(boxes), self.dim)), np.isfinite(boxes).all(axis=1)
+        objects = points_in_boxes(points, boxes[finite], self._most)
+        # Cosines of numbers of 8 bits would not tell much apart, and the network is small.
+        with PROCESSOR.inference():
+            looks[finite] = self._net(join_points(objects)).double().numpy()
+        return looks

@@ -8,6 +8,10 @@ of a frame are one batch.
 from __future__ import annotations
 
 import copy
+import ctypes
+import dataclasses
+import re
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,10 +19,11 @@ from functools import cache, partial
 from typing import Any, TypeVar
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
-from coopsim.nn.inference.devices import find_device, numbers_on, to_device
-from coopsim.nn.inference.memory import keep_freed_memory
+from coopsim.errors import InvalidValueError
+from coopsim.support.precision import multiplies_bfloat16
+from coopsim.support.precision import precision as setting
 from coopsim.support.threads import run_all
 
 T = TypeVar("T")
@@ -27,12 +32,12 @@ M = TypeVar("M", bound=nn.Module)
 
 @dataclass(frozen=True)
 class Backend:
-    """Where networks compute, and in which numbers they multiply.
+    """Device on which networks compute, and the numbers in which they multiply.
 
     Attributes:
-        device: of weights and maps.
+        device: device of weights and maps.
         numbers: float32 or bfloat16; geometry is float32 always.
-        threads: on a processor, agents are computed side by side on so many threads of Python's.
+        threads: number of Python threads that compute agents side by side on a processor.
     """
 
     device: torch.device = torch.device("cpu")
@@ -41,7 +46,7 @@ class Backend:
 
     @property
     def batched(self) -> bool:
-        """Whether all agents go through a network in one batch: what a GPU needs. A processor is no quicker for it."""
+        """True if all agents go through a network in one batch: a GPU needs it, a processor is no quicker for it."""
         return self.device.type != "cpu"
 
     @contextmanager
@@ -65,10 +70,10 @@ class Backend:
             return run_all([partial(self._apart, task) for task in tasks], 1 if self.batched else self.threads)
 
     def map(self, make: Callable[..., Sequence[T]], *of_agents: Sequence[Any]) -> list[T]:
-        """Return what `make` returns for agents: called once with all of them if batched, else side by side for each.
+        """Return the results of `make` for agents: called once with all of them if batched, else side by side for each.
 
         Args:
-            make: from sequences, one for each of `of_agents` and as long, to as many results.
+            make: a function of sequences, one for each of `of_agents` and as long, to as many results.
             of_agents: sequences with an item for each agent.
         """
         if self.batched:
@@ -123,3 +128,70 @@ def _one_thread() -> Iterator[None]:
 def _settle() -> None:
     """Do once what serves all networks of this process."""
     keep_freed_memory()
+
+
+def find_device(name: str = "cpu") -> torch.device:
+    """Return a device by name: "cpu", "cuda", "cuda:1", or "auto" for a GPU if there is one, else the processor.
+
+    Raises:
+        InvalidValueError: there is no such device; the message names those that are there.
+    """
+    gpus = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    if name == "auto":
+        name = "cuda" if gpus else "cpu"
+    there = ["cpu", *["cuda"] * (gpus > 0), *(f"cuda:{number}" for number in range(gpus))]
+    if name not in there:
+        why = "" if gpus or not re.fullmatch(r"cuda(:\d+)?", str(name)) else ": torch finds no GPU"
+        raise InvalidValueError(f"device must be auto or one that is here ({', '.join(there)}), got {name!r}{why}")
+    return torch.device(name)
+
+
+def numbers_on(device: torch.device, precision: str = "auto") -> torch.dtype:
+    """Return the numbers in which networks multiply on a device; "auto" leaves that to the process' setting.
+
+    With that "auto", too, they are bfloat16 where the device multiplies it itself.
+    """
+    chosen = setting() if precision == "auto" else precision
+    if chosen == "auto":
+        cuda = device.type == "cuda"
+        has = torch.cuda.is_bf16_supported(including_emulation=False) if cuda else multiplies_bfloat16()
+        chosen = "bfloat16" if has else "float32"
+    return torch.bfloat16 if chosen == "bfloat16" else torch.float32
+
+
+def to_device(batch: Any, device: torch.device) -> Any:
+    """Return a batch with all its tensors on a device: tensors in dataclasses, lists, tuples and mappings."""
+    if device.type == "cpu":
+        return batch
+    if isinstance(batch, Tensor):
+        return batch.to(device, non_blocking=True)
+    if dataclasses.is_dataclass(batch) and not isinstance(batch, type):
+        moved = {each.name: to_device(getattr(batch, each.name), device) for each in dataclasses.fields(batch)}
+        return dataclasses.replace(batch, **moved)
+    if isinstance(batch, (list, tuple)):
+        return type(batch)(to_device(each, device) for each in batch)
+    if isinstance(batch, dict):
+        return {key: to_device(value, device) for key, value in batch.items()}
+    return batch
+
+
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
+"""Parameters of glibc's `mallopt`."""
+
+
+def keep_freed_memory(most_bytes: int = 2**28) -> bool:
+    """Let the C library keep freed memory for the next allocation, up to `most_bytes`, for the whole process.
+
+    By default glibc gives arrays of megabytes back to the system as soon as they are freed, and a network asks for the
+    same ones again in each layer and frame: a third of the time of a small network on a processor is spent there.
+    Return False if the C library has no such setting: only glibc has.
+    """
+    if not sys.platform.startswith("linux"):
+        return False
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (AttributeError, OSError):
+        return False
+    # Some releases refuse more than 32 MiB for what is asked of the system apart.
+    kept = mallopt(_MMAP_THRESHOLD, most_bytes) or mallopt(_MMAP_THRESHOLD, 2**25)
+    return bool(kept) and bool(mallopt(_TRIM_THRESHOLD, most_bytes))

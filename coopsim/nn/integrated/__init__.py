@@ -1,1 +1,5 @@
-"""Integrated detection and tracking: a fused map, what the frame before knew, and two branches that look at both."""
+"""Integrated detection and tracking (Hu, Wang and Wang): two branches that read a fused map.
+
+In: a fused map, and the map and tracks of the frame before. Out: detections and tracks. Start reading at
+`integrated_net`; `perceiver` runs it frame after frame.
+"""

@@ -11,11 +11,11 @@ from torch import Tensor, nn
 
 from coopsim.errors import InvalidValueError
 from coopsim.nn.cooperative.cooperative_net import CooperativeConfig, CooperativeNet
-from coopsim.nn.integrated.branch import Branch
-from coopsim.nn.integrated.integrated_encoder import IntegratedEncoder
-from coopsim.nn.integrated.prior_enhancement import PriorMap
-from coopsim.nn.queries.carry_over import LONGEST_S
-from coopsim.nn.queries.instances import Instances
+from coopsim.nn.fusion.feature_fusion import start_as_zeros
+from coopsim.nn.integrated.encoder import DeformableAttention, EncodedMap, IntegratedEncoder, PriorMap
+from coopsim.nn.queries.attention import AmongInstances
+from coopsim.nn.queries.decoder import BoxEmbedding, InstanceHeads
+from coopsim.nn.queries.instances import LONGEST_S, Instances
 from coopsim.support.checks import require_count
 from coopsim.types import BevGrid
 from coopsim.types.taxonomy import CLASS_NAMES
@@ -31,9 +31,9 @@ class IntegratedConfig:
         cooperative: the network that makes fused maps, a part of this one.
         width: D, channels of a query; 4 and `heads` divide it.
         places: most objects that a branch looks for.
-        encoder_layers: of the deformable encoder.
-        decoder_layers: of the decoder of each branch.
-        heads: of all attention but that to the map before, which has one.
+        encoder_layers: number of layers of the deformable encoder.
+        decoder_layers: number of layers of each branch's decoder.
+        heads: number of heads of all attention but that to the map before, which has one.
         points: places of the map that each head reads.
 
     Raises:
@@ -59,7 +59,7 @@ class IntegratedConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IntegratedStep:
-    """The result of a frame.
+    """Result of a frame.
 
     Attributes:
         detected: objects that the detection branch finds, with s_d as scores; duplicates among them.
@@ -68,7 +68,7 @@ class IntegratedStep:
         predicted: the objects of the frame before, where the prediction branch finds them now, with s_t as scores.
         predicted_logits: (N, 9) of their classes.
         predicted_turn: (N,) logits of facing the other way than in the frame before.
-        prior: of the map, for the next frame.
+        prior: downsampled map for the next frame.
     """
 
     detected: Instances
@@ -83,11 +83,8 @@ class IntegratedStep:
 class IntegratedNet(nn.Module):
     """Detect objects in a fused map, and find those of the frame before in it.
 
-    The queries of the detection branch are learned, one for each class; they are put where the head of the cooperative
-    network has a peak. Those of the prediction branch are the features of the frame before, at boxes moved on.
-
-    Args:
-        config: sizes.
+    The queries of the detection branch are learned, one for each class; they are put at the peaks of the cooperative
+    network's head. Those of the prediction branch are the features of the frame before, at boxes moved on.
     """
 
     def __init__(self, config: IntegratedConfig) -> None:
@@ -113,14 +110,14 @@ class IntegratedNet(nn.Module):
     def forward(
         self, fused: Tensor, grid: BevGrid, peaks: Instances, tracks: Instances, before: PriorMap | None, dt_s: float
     ) -> IntegratedStep:
-        """Return what is found in a frame.
+        """Return the objects of a frame.
 
         Args:
             fused: (features, H, W) of the cooperative network; rows and columns even.
             grid: its cells, in the agent's compass frame.
-            peaks: of the cooperative network's head.
-            tracks: objects of the frame before, in the agent's compass frame now, where they were then; forgotten if
-                that is too long ago.
+            peaks: instances at the peaks of the cooperative network's head.
+            tracks: objects of the frame before, in the agent's compass frame now, where they were then; dropped if that
+                is too long ago.
             before: the map of the frame before, in that frame, too; None: there is none.
             dt_s: time since the frame before.
         """
@@ -151,3 +148,69 @@ def _sound(predicted: Instances, asked: Instances) -> Instances:
         velocity=torch.where(sound, predicted.velocity, asked.velocity),
         semantic=torch.where(sound, predicted.semantic, asked.semantic),
     )
+
+
+_SELDOM = -3.0
+"""Logit of a fresh branch that a box faces the other way."""
+
+_LEAST_HALF_M = 0.6
+"""Of small objects, places are sought within this along and across."""
+
+
+class BranchDecoder(nn.Module):
+    """Let queries attend to the map in and around their boxes, and to each other, layer by layer."""
+
+    def __init__(self, width: int, layers: int, heads: int, points: int) -> None:
+        super().__init__()
+        self.norms = nn.ModuleList(nn.LayerNorm(width) for _ in range(layers))
+        self.across = nn.ModuleList(DeformableAttention(width, heads, points) for _ in range(layers))
+        self.among = nn.ModuleList(AmongInstances(width, heads) for _ in range(layers))
+
+    def forward(self, query: Tensor, box: Tensor, encoded: EncodedMap) -> Tensor:
+        """Return the features (K, D) of queries (K, D) at boxes (K, 7)."""
+        place_m, axes_m = box[:, :2], box_axes(box)
+        for norm, across, among in zip(self.norms, self.across, self.among, strict=True):
+            query = query + across(norm(query), place_m, axes_m, encoded.features, encoded.grid)
+            query = among(query, place_m)
+        return query
+
+
+class Branch(nn.Module):
+    """Decode queries to features, class scores, boxes and velocities, which start as the given ones (eq. 15-18).
+
+    Where a heading is half a turn off, XIOU is 0 and has no gradient: so turning a box around is a logit of its own.
+    """
+
+    def __init__(self, width: int, layers: int, heads: int, points: int) -> None:
+        super().__init__()
+        self.embed, self.norm = BoxEmbedding(width), nn.LayerNorm(width)
+        self.decoder = BranchDecoder(width, layers, heads, points)
+        self.heads, self.turn = InstanceHeads(width), start_as_zeros(nn.Linear(width, 1))
+        nn.init.constant_(self.turn.bias, _SELDOM)
+
+    def forward(self, asked: Instances, encoded: EncodedMap) -> tuple[Instances, Tensor, Tensor]:
+        """Return objects with features, boxes and velocities, their class logits (K, 9), and logits (K,) of facing the
+        other way.
+
+        Boxes with a logit above 0 are turned around. `asked` are objects at their reference boxes, with queries as
+        semantics.
+        """
+        known = self.embed(asked)
+        feature = self.decoder(self.norm(asked.semantic + known), asked.box, encoded)
+        logits = self.heads.logits(asked, feature)
+        box, velocity = self.heads.boxes(asked, feature, known)
+        turn = self.turn(feature).squeeze(1)
+        return replace(asked, semantic=feature, box=turned_around(box, turn > 0), velocity=velocity), logits, turn
+
+
+def turned_around(box: Tensor, which: Tensor) -> Tensor:
+    """Return boxes (K, 7), those of `which` (K,) turned by half a turn."""
+    return torch.cat([box[:, :6], box[:, 6:] + torch.pi * which[:, None]], dim=1)
+
+
+def box_axes(box: Tensor) -> Tensor:
+    """Return half the length and half the width of boxes (K, 7) as vectors, the columns of (K, 2, 2)."""
+    half = (box[:, 3:5] / 2).clamp_min(_LEAST_HALF_M)
+    cos, sin = box[:, 6].cos(), box[:, 6].sin()
+    turn = torch.stack([torch.stack([cos, -sin], dim=1), torch.stack([sin, cos], dim=1)], dim=1)
+    return turn * half[:, None]

@@ -1,4 +1,6 @@
-"""CoopTrack's cooperation (Zhong et al., ICCV 2025): decoded instances are aligned, matched on a graph, aggregated."""
+"""CoopTrack's fusion of agents (Zhong et al., ICCV 2025): align instances in two ways, match them on a graph,
+aggregate.
+"""
 
 from __future__ import annotations
 
@@ -10,24 +12,19 @@ from torch import Tensor, nn
 
 from coopsim.geometry.assignment import Pairs
 from coopsim.geometry.se3 import SE3
+from coopsim.nn.attention import DelayCode
 from coopsim.nn.fusion.feature_fusion import start_as_zeros
-from coopsim.nn.queries.instance_attention import mlp
-from coopsim.nn.queries.instance_fold import InstanceFold
-from coopsim.nn.queries.instance_pairs import RULE_M, GraphAssociation, pairs_by_rule, sure_pairs
+from coopsim.nn.queries.attention import mlp
+from coopsim.nn.queries.instance_fusion import RULE_M, GraphAssociation, InstanceFold, pairs_by_rule, sure_pairs
 from coopsim.nn.queries.instances import Instances
-from coopsim.nn.queries.query_alignment import LatentAlignment, aligned_boxes
 
 _MOST_WEIGHT = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReceivedInstances:
-    """What one sender sent.
-
-    Attributes:
-        instances: M, in the sender's compass frame at capture.
-        receiver_SE3_sender: of that frame, in the receiver's compass frame now.
-        delay_s: age of the message.
+    """Instances of one sender, in its compass frame at capture, and the pose of that in the receiver's compass frame
+    now.
     """
 
     instances: Instances
@@ -37,7 +34,7 @@ class ReceivedInstances:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ComparedInstances:
-    """What an association made of one sender's instances, for its loss.
+    """Association of one sender's instances, for its loss.
 
     Attributes:
         own: N instances of the receiver, and of earlier senders, as they were compared.
@@ -51,11 +48,7 @@ class ComparedInstances:
 
 
 class InstanceAggregation(nn.Module):
-    """Make one instance of two, by networks that look at both. It starts as the mean of boxes and the own features.
-
-    Args:
-        width: channels of an instance.
-    """
+    """Make one instance of two, by networks that look at both. It starts as the mean of boxes and the own features."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -73,9 +66,7 @@ class InstanceAggregation(nn.Module):
 
 
 class CoopTrackFusion(nn.Module):
-    """Fuse decoded instances of any number of senders.
-
-    The last three arguments each take away one part, for ablations.
+    """Fuse decoded instances of any number of senders. For ablations, three parts can be taken away.
 
     Args:
         width: channels of an instance.
@@ -96,14 +87,14 @@ class CoopTrackFusion(nn.Module):
     def forward(
         self, own: Instances, received: Sequence[ReceivedInstances], least: float, most: int, *, by_rule: bool = False
     ) -> tuple[Instances, list[ComparedInstances]]:
-        """Return the fused instances, and what was compared, by sender.
+        """Return the fused instances, the `most` surest, and the compared ones by sender.
 
         Args:
-            own: of the receiver, decoded.
-            received: of the senders, in the order in which they are folded in.
+            own: decoded instances of the receiver.
+            received: senders in the order in which they are fused.
             least: smallest affinity of a pair, in [0, 1]; above 1 no pair is made. Without a graph only that matters.
-            most: instances of the result; the surest stay.
-            by_rule: pairs are those of nearest centres, as in training; affinities are computed all the same.
+            most: number of instances of the result.
+            by_rule: pair nearest centres, as in training; affinities are computed all the same.
         """
         fold, compared = InstanceFold(own), []
         for each in received:
@@ -130,3 +121,61 @@ class CoopTrackFusion(nn.Module):
     def _compared(self, known: Instances) -> Instances:
         """Return instances as they are compared: without motion where it is taken away."""
         return known if self.motion else replace(known, motion=torch.zeros_like(known.motion))
+
+
+_FAR_M = 50.0
+BLOCK = 16
+"""Edge of the blocks of the latent rotation."""
+
+
+def aligned_boxes(received: Instances, receiver_SE3_sender: SE3, delay_s: float) -> Instances:
+    """Align explicitly: move boxes on by their velocities over the delay, and into the receiver's frame (P R^T + t)."""
+    return received.advanced(delay_s).moved(receiver_SE3_sender)
+
+
+class LatentAlignment(nn.Module):
+    """Align implicitly: turn and shift features by the latent counterpart of the motion between two frames.
+
+    With x an instance's features, out = x + proj(in(x) R^T + t + x), where R is a block-diagonal matrix and t a vector
+    that two networks make of the explicit motion: R of the first two columns of the rotation (Zhou et al., CVPR 2019,
+    six numbers that change continuously), t of the translation and the delay. R begins as the identity, t and proj as
+    zeros. `BLOCK` divides the width.
+    """
+
+    def __init__(self, width: int) -> None:
+        super().__init__()
+        self.blocks = width // BLOCK
+        self.turn, self.shift = mlp(6, width, width, self.blocks * BLOCK**2), mlp(3, width, width, width)
+        self.delay = DelayCode(width)
+        self.into = nn.ModuleDict({part: _layer(width) for part in _PARTS})
+        self.out = nn.ModuleDict({part: nn.Sequential(_layer(width), nn.Linear(width, width)) for part in _PARTS})
+        for net in (self.turn[-1], self.shift[-1], *(each[-1] for each in self.out.values())):  # type: ignore[index]
+            start_as_zeros(net)
+
+    def rotation(self, rotation: Tensor) -> Tensor:
+        """Return the latent rotation's blocks (D / 16, 16, 16) for a rotation (3, 3)."""
+        change = self.turn(rotation[:, :2].T.reshape(6)).view(self.blocks, BLOCK, BLOCK)
+        turned: Tensor = torch.eye(BLOCK, device=change.device) + change
+        return turned
+
+    def forward(self, received: Instances, receiver_SE3_sender: SE3, delay_s: float) -> Instances:
+        """Return the instances with aligned features; arguments as of `aligned_boxes`, boxes stay as they are."""
+        like = received.semantic
+        blocks = self.rotation(like.new_tensor(receiver_SE3_sender.rotation.tolist()))
+        shift = self.shift(like.new_tensor(receiver_SE3_sender.translation.tolist()) / _FAR_M)
+        tokens = shift.expand(2, 1, 1, -1)  # of which the second one is the message's
+        shift = self.delay(tokens, like.new_tensor([delay_s]))[1, 0, 0]
+        made = {}
+        for part in _PARTS:
+            given = getattr(received, part)
+            inner = self.into[part](given).view(-1, self.blocks, BLOCK)
+            turned = torch.einsum("kbj,bij->kbi", inner, blocks).flatten(1)
+            made[part] = given + self.out[part](turned + shift + given)
+        return replace(received, **made)
+
+
+_PARTS = ("semantic", "motion")
+
+
+def _layer(width: int) -> nn.Sequential:
+    return nn.Sequential(nn.Linear(width, width), nn.LayerNorm(width), nn.ReLU())

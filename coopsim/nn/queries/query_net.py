@@ -12,14 +12,10 @@ from torch import Tensor, nn
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.nms import nms_bev
 from coopsim.nn.detector.decode import DUPLICATE_IOU, GROUPS
-from coopsim.nn.queries.carry_over import LONGEST_S, met
-from coopsim.nn.queries.cooptrack_fusion import ComparedInstances, CoopTrackFusion, ReceivedInstances
-from coopsim.nn.queries.instance_attention import mlp
-from coopsim.nn.queries.instance_decoder import InstanceDecoder, InstanceHeads, QueryStart
-from coopsim.nn.queries.instance_history import InstanceHistory
-from coopsim.nn.queries.instances import Instances
-from coopsim.nn.queries.motion_features import MotionFeatures
-from coopsim.nn.queries.query_alignment import BLOCK
+from coopsim.nn.queries.attention import InstanceHistory, mlp
+from coopsim.nn.queries.cooptrack_fusion import BLOCK, ComparedInstances, CoopTrackFusion, ReceivedInstances
+from coopsim.nn.queries.decoder import InstanceDecoder, InstanceHeads, MotionFeatures, QueryStart
+from coopsim.nn.queries.instances import LONGEST_S, Instances, met
 from coopsim.nn.queries.univ2x_fusion import UniV2XFusion
 from coopsim.support.checks import require_choice, require_count
 from coopsim.types import BevGrid
@@ -35,16 +31,16 @@ class QueryConfig:
     """Sizes of the network.
 
     Attributes:
-        fusion: how agents cooperate: "cooptrack", "univ2x", or "none" for the network of one agent.
+        fusion: name in `FUSIONS`; "none" for the network of one agent.
         features: channels of the encoder's maps.
         width: D, channels of an instance; 16 divides it.
-        places: instances that an agent keeps in mind.
-        layers: of the decoder, and of the attention to the past.
-        heads: of all attention; divides `width`.
+        places: most instances that an agent keeps.
+        layers: number of layers of the decoder, and of the attention to the past.
+        heads: number of heads of all attention; divides `width`.
         history: frames of the past; 0: none.
-        motion: what the fusion "cooptrack" has, and its ablations do without, as the next two: features of motion,
-        alignment: of features,
-        graph: the learned association; without it, instances are paired by distance.
+        motion: features of motion in the fusion "cooptrack"; False, here and in the next two, for ablations.
+        alignment: latent alignment of features.
+        graph: learned association; without it, instances are paired by distance.
 
     Raises:
         InvalidValueError: a size is not accepted.
@@ -77,12 +73,8 @@ class QueryConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenMap:
-    """What one agent sees in a frame.
-
-    Attributes:
-        features: (C, h, w), of its encoder.
-        grid: the cells of the features.
-        found: the peaks of the detector's head, as instances without features.
+    """Map (C, h, w) of one agent's encoder in a frame, and the peaks `found` by its head, as instances without
+    features.
     """
 
     features: Tensor
@@ -92,12 +84,12 @@ class SeenMap:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QueryStep:
-    """The result of a frame.
+    """Result of a frame.
 
     Attributes:
-        instances: K, refined, duplicates among them; they remember this frame.
+        instances: K refined instances, duplicates among them; they remember this frame.
         logits: (K, 9) of their classes.
-        compared: of the senders, see `ComparedInstances`.
+        compared: associations, by sender.
     """
 
     instances: Instances
@@ -106,11 +98,7 @@ class QueryStep:
 
 
 class AgentQueryNet(nn.Module):
-    """The network of one agent: from peaks and what was carried over to decoded instances.
-
-    Args:
-        config: sizes.
-    """
+    """The network of one agent: from peaks and what was carried over to decoded instances."""
 
     def __init__(self, config: QueryConfig) -> None:
         super().__init__()
@@ -146,11 +134,7 @@ class AgentQueryNet(nn.Module):
 
 
 class QueryNet(nn.Module):
-    """The network of an agent that receives the instances of others.
-
-    Args:
-        config: sizes, and how agents cooperate.
-    """
+    """The network of an agent that receives the instances of others."""
 
     def __init__(self, config: QueryConfig) -> None:
         super().__init__()
@@ -179,12 +163,12 @@ class QueryNet(nn.Module):
         """Return the instances of a frame.
 
         Args:
-            before: those of the frame before, in the agent's compass frame now, where they were then.
+            before: instances of the frame before, in the agent's compass frame now, where they were then.
             dt_s: time since then.
-            seen: by the agent now.
-            received: of senders, in the order in which they are folded in; without any, the agent is alone.
+            seen: the agent's own map now.
+            received: senders in the order in which they are fused.
             least_affinity: smallest affinity of a pair, in [0, 1]; above 1 no pair is made.
-            by_rule: instances are paired by distance, see `CoopTrackFusion`.
+            by_rule: pair instances by distance, see `CoopTrackFusion`.
         """
         most = self.config.places
         prior = before.advanced(dt_s) if dt_s <= LONGEST_S else self.nothing()

@@ -8,11 +8,9 @@ from dataclasses import replace
 import torch
 from torch import Tensor, nn
 
-from coopsim.nn.queries.cooptrack_fusion import ComparedInstances, ReceivedInstances
-from coopsim.nn.queries.instance_fold import InstanceFold
-from coopsim.nn.queries.instance_pairs import pairs_by_gate
+from coopsim.nn.queries.cooptrack_fusion import ComparedInstances, ReceivedInstances, aligned_boxes
+from coopsim.nn.queries.instance_fusion import InstanceFold, pairs_by_gate
 from coopsim.nn.queries.instances import Instances
-from coopsim.nn.queries.query_alignment import aligned_boxes
 
 _LEAST_SCORE = 0.05
 
@@ -22,9 +20,6 @@ class UniV2XFusion(nn.Module):
 
     A sender's feature f becomes f' = Linear([f ; R]), with the nine numbers of the rotation R between the frames, and a
     pair's query q + Linear(f').
-
-    Args:
-        width: channels of an instance.
     """
 
     before_decoding = True
@@ -38,12 +33,8 @@ class UniV2XFusion(nn.Module):
     ) -> tuple[Instances, list[ComparedInstances]]:
         """Return the fused instances, and nothing compared: no association is learned.
 
-        Args:
-            own: of the receiver, with queries as their semantics.
-            received: of the senders, in the order in which they are folded in.
-            least: above 1 no pair is made; else it has no meaning here.
-            most: instances of the result; the surest stay.
-            by_rule: has no meaning here: the rule is the method's own.
+        Arguments as of `CoopTrackFusion.forward`, `own` with queries as its semantics. No pair is made if `least` is
+        above 1; `by_rule` has no effect.
         """
         fold = InstanceFold(own)
         for each in received:

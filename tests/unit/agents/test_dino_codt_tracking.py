@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from some_tracks import FRAME_NS, cars
 
-from coopsim.agents.dino_codt_tracking import DinoCoDTTracking
+from coopsim.agents.appearance import DinoCoDTTracking
 from coopsim.types import Tracks
 from coopsim.types.taxonomy import ObjectClass, Superclass
 

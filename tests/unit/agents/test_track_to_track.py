@@ -166,7 +166,7 @@ def test_memory_stays_over_many_frames_with_ever_new_objects() -> None:
         x = 30.0 + 20 * (frame // 7 % 5)  # a new object every seven frames, for either agent
         policy.track("cav_0", observe(frame, detections(x), sender.says(frame, x + 200)))
         state = policy._states["cav_0"]
-        sizes.append((len(state.ids), len(state.heard), len(state.frame._path)))
+        sizes.append((len(state.ids), len(state.received), len(state.frame._path)))
     settled = np.array(sizes[150:])  # two in 0.7 s, remembered for 10 s
     np.testing.assert_array_equal(settled.max(axis=0), [32, 1, 21])
     assert int(policy.track("cav_0", observe(600, detections(x))).id.max()) > 100

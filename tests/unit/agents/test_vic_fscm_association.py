@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from some_tracks import FRAME_NS, cars
 
-from coopsim.agents.vic_fscm_association import VicFSCMAssociation
+from coopsim.agents.boxes import VicFSCMAssociation
 from coopsim.errors import UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
 

@@ -14,7 +14,7 @@ from street_scene import CARS, FRAME_NS, observe, spec_of
 from tiny_networks import learned, tiny_looks
 
 import coopsim
-from coopsim.agents.yoloo import Yoloo
+from coopsim.agents.appearance import Yoloo
 from coopsim.comms.envelope import decode_detections
 from coopsim.detection.embedder import make_embedder
 from coopsim.errors import InvalidValueError, UnknownNameError

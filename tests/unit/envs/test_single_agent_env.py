@@ -14,7 +14,7 @@ from gymnasium import spaces
 from gymnasium.utils.env_checker import data_equivalence, data_shares_objects
 
 import coopsim
-from coopsim.agents.late_fusion import LateFusion
+from coopsim.agents.boxes import LateFusion
 from coopsim.comms.uplinks.share_detections import ShareDetections
 from coopsim.errors import (
     EpisodeStateError,

@@ -10,14 +10,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.sparse import csr_array
 
 from coopsim.errors import InvalidValueError
-from coopsim.fusion.laplacian import (
-    anchors_aos,
-    anchors_tsa,
-    group,
-    nearest_graph,
-    refine,
-    refine_sparse,
-)
+from coopsim.fusion.laplacian import anchors_aos, anchors_tsa, group, nearest_graph, refine, refine_sparse
 from coopsim.geometry.iou import giou_3d, iou_3d
 
 points = st.integers(1, 12).flatmap(lambda n: arrays(np.float64, (2, n, 3), elements=st.floats(-100, 100)))

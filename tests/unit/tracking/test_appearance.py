@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from some_tracks import FRAME_NS, cars, tracks
 
-from coopsim.agents.dino_codt_tracking import NIMBLE, DinoCoDTTracking
+from coopsim.agents.appearance import NIMBLE, DinoCoDTTracking
 from coopsim.errors import InvalidValueError
 from coopsim.fusion.pooling import pool
 from coopsim.geometry.assignment import hungarian

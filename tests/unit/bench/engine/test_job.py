@@ -11,7 +11,7 @@ from coopsim.bench.store.store import Store
 
 _POLICY = """
 import numpy as np
-from coopsim.agents.ab3dmot_policy import NoFusion
+from coopsim.agents.boxes import NoFusion
 
 class Odd(NoFusion):
     def __init__(self, said="np.sum(np.ones(3, dtype=bool))", method="''", raises=False):

@@ -62,7 +62,7 @@ def test_the_key_of_a_cell_has_the_arithmetic_of_the_device(monkeypatch: pytest.
     from fake_gpu import FakeGpu
 
     monkeypatch.delenv("COOPSIM_PRECISION", raising=False)
-    for home in ("coopsim.support.precision", "coopsim.nn.inference.devices"):
+    for home in ("coopsim.support.precision", "coopsim.nn.inference.backend"):
         monkeypatch.setattr(f"{home}.multiplies_bfloat16", lambda: True)
     FakeGpu(monkeypatch)
 

@@ -56,7 +56,7 @@ def counting(on_path: Path) -> Path:
     """A module with a policy that says its version."""
     path = on_path / "counting_policy_of_a_test.py"
     path.write_text(
-        "from coopsim.agents.ab3dmot_policy import NoFusion\n"
+        "from coopsim.agents.boxes import NoFusion\n"
         "class P(NoFusion):\n"
         "    def track(self, agent, observation):\n"
         "        self.counts['version'] = 1\n"

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from coopsim.learn.losses.head_losses import alike_loss, depth_loss, label_loss
-from coopsim.nn.camera.depth_bins import DepthBins
+from coopsim.nn.camera.picture_net import DepthBins
 
 BINS = DepthBins(2.0, 30.0, 4)
 SCENERY = torch.full((1, 1, 2), 255, dtype=torch.uint8)

@@ -19,7 +19,7 @@ from coopsim.learn.recipe import TrainingRecipe  # noqa: E402
 from coopsim.learn.samples.flow_samples import FlowSample, LateMaps  # noqa: E402
 from coopsim.learn.tasks.cooperative_task import CooperativeTask, FlowTask  # noqa: E402
 from coopsim.learn.weights import load_cooperative, load_detector, save_weights  # noqa: E402
-from coopsim.nn.cooperative.feature_flow import FeatureFlow  # noqa: E402
+from coopsim.nn.cooperative.cooperative_net import FeatureFlow  # noqa: E402
 from coopsim.types import BevGrid  # noqa: E402
 
 torch.set_num_threads(1)

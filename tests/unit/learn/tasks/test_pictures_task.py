@@ -58,7 +58,7 @@ def batch_for(task: PicturesTask) -> Any:
 def test_losses_of_pictures_are_means_over_the_groups_of_one_size(points: Path) -> None:
     task = task_of("pictures", points).eval()
     batch = batch_for(task)
-    (seen,), (label,) = task.net.encoder.pictures.look(batch.pictures), batch.label
+    (seen,), (label,) = task.net.encoder.pictures.read(batch.pictures), batch.label
     assert task(batch)["label"].item() == pytest.approx(label_loss(seen.label, label).item())
 
 

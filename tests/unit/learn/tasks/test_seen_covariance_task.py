@@ -16,7 +16,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.tasks.covariance_task import SeenCovarianceTask
 from coopsim.learn.weights import load_covariance, load_detector, make_network, save_weights
-from coopsim.nn.inference.cloud_detector import CloudDetector
+from coopsim.nn.inference.detectors import CloudDetector
 from coopsim.types import Detections
 
 RECIPE = TrainingRecipe("mine", kind="seen_covariance", precision="float32")

@@ -6,7 +6,7 @@ import torch
 from tiny_pictures import shake
 from torch.nn import functional
 
-from coopsim.nn.camera.conditional_merge import CONFIDENCES, ConditionalConv, ConditionalMerge
+from coopsim.nn.camera.points_and_pictures import CONFIDENCES, ConditionalConv, ConditionalMerge
 
 DRAWS = torch.Generator().manual_seed(0)
 POINTS, PICTURES = (torch.randn(2, 3, 8, 8, generator=DRAWS) for _ in range(2))

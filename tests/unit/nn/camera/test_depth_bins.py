@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coopsim.errors import InvalidValueError
-from coopsim.nn.camera.depth_bins import DepthBins
+from coopsim.nn.camera.picture_net import DepthBins
 
 BINS = DepthBins(2.0, 60.0, 16)
 

@@ -50,7 +50,7 @@ def test_an_agent_has_the_same_map_alone_and_among_others() -> None:
 
 def test_an_agent_without_pictures_has_an_empty_canvas_and_a_map() -> None:
     batch, net = collate_pictures([PictureView([], np.zeros(3), tiny_view().grid)] * 2), encoder()
-    assert net.pictures.look(batch) == []
+    assert net.pictures.read(batch) == []
     canvas = net.pictures.canvas(batch, [])
     assert canvas.shape == (2, 6, 16, 16) and not canvas.any()
     assert torch.isfinite(net(batch)).all()
@@ -58,7 +58,7 @@ def test_an_agent_without_pictures_has_an_empty_canvas_and_a_map() -> None:
 
 def test_what_is_beyond_the_last_bin_is_not_laid() -> None:
     net, batch = encoder(), collate_pictures([tiny_view()])
-    (seen,) = net.pictures.look(batch)
+    (seen,) = net.pictures.read(batch)
     seen.depth[:, -1] = 50.0
     assert not net.pictures.canvas(batch, [seen]).any()
 

@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from small_cameras import AHEAD, CAMERAS
 
-from coopsim.nn.camera.measured_depth import measured_depth
-from coopsim.nn.camera.sight import sight_of
+from coopsim.nn.camera.picture_batch import cell_rays, measured_depth
 from coopsim.sensors.camera.camera import Camera
 
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: camera.name)
 def test_points_on_lines_of_sight_measure_their_cells(camera: Camera) -> None:
     calibration = camera.calibration(1.5)
-    sight = sight_of(calibration)
+    sight = cell_rays(calibration)
     shape = sight.ray.shape[1:]
     depth_m = np.random.default_rng(0).uniform(1, 60, shape)
     # Parts of cells have their middles on the picture's edge: rays are bent inwards a little.
@@ -28,7 +27,7 @@ def test_points_on_lines_of_sight_measure_their_cells(camera: Camera) -> None:
 
 def test_the_nearest_point_counts_whatever_the_order() -> None:
     calibration = AHEAD.calibration(1.5)
-    sight = sight_of(calibration)
+    sight = cell_rays(calibration)
     points_m = sight.start_m + np.array([[30.0], [4.0], [9.0]]) * sight.ray[:, 2, 3]
     for order in ([0, 1, 2], [2, 0, 1], [1, 2, 0]):
         found = measured_depth(calibration, points_m[order].astype(np.float32))

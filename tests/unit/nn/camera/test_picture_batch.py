@@ -11,8 +11,7 @@ import torch
 from small_cameras import AHEAD, BENT_CAMERA, CAMERAS, PARTIAL, SIDEWAYS, in_mirror
 
 from coopsim.errors import InvalidValueError
-from coopsim.nn.camera.picture_batch import CameraViews, PictureView, SeenPicture, by_size, collate_pictures
-from coopsim.nn.camera.sight import sight_of
+from coopsim.nn.camera.picture_batch import CameraViews, PictureView, SeenPicture, by_size, cell_rays, collate_pictures
 from coopsim.sensors.camera.camera import Camera
 from coopsim.sensors.camera.intrinsics import Intrinsics
 from coopsim.types import BevGrid
@@ -34,7 +33,7 @@ def views_of(view: PictureView) -> CameraViews:
 @pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: camera.name)
 def test_lines_of_sight_are_moved_to_the_canvas(camera: Camera) -> None:
     picture = seen(camera)
-    views, sight = views_of(PictureView([picture], POSE, GRID)), sight_of(picture.calibration)
+    views, sight = views_of(PictureView([picture], POSE, GRID)), cell_rays(picture.calibration)
     x, y, yaw = POSE
     for depth_m in (0.0, 7.0):
         base = sight.start_m[:, None, None] + depth_m * sight.ray

@@ -8,9 +8,9 @@ import torch
 from small_cameras import AHEAD, BENT_CAMERA, CAMERAS, ROLLED, SIDEWAYS, in_mirror
 from torch import Tensor
 
-from coopsim.nn.camera.depth_bins import DepthBins
+from coopsim.nn.camera.lift_splat import EXTRA, Canvas
 from coopsim.nn.camera.picture_batch import PictureBatch, PictureView, SeenPicture, collate_pictures
-from coopsim.nn.camera.splat import EXTRA, Canvas
+from coopsim.nn.camera.picture_net import DepthBins
 from coopsim.sensors.camera.camera import Camera
 from coopsim.types import BevGrid, CameraCalibration
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 torch = pytest.importorskip("torch")
-from coopsim.nn.cooperative.expand import Expand  # noqa: E402
+from coopsim.nn.cooperative.cooperative_net import Expand  # noqa: E402
 
 torch.set_num_threads(1)
 

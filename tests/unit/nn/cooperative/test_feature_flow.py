@@ -6,7 +6,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 from coopsim.errors import InvalidValueError  # noqa: E402
-from coopsim.nn.cooperative.feature_flow import FeatureFlow, moved_on  # noqa: E402
+from coopsim.nn.cooperative.cooperative_net import FeatureFlow, moved_on  # noqa: E402
 
 torch.set_num_threads(1)
 

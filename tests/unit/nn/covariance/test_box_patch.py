@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from coopsim.nn.covariance.box_patch import box_patches
+from coopsim.nn.covariance.covariance_net import box_patches
 from coopsim.types import BevGrid
 
 GRID = BevGrid((-20.0, 20.0), (-10.0, 10.0), 0.5)

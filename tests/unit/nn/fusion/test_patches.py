@@ -6,7 +6,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 from coopsim.nn.fusion import AttFuse, FusionContext  # noqa: E402
-from coopsim.nn.fusion.patches import Patches  # noqa: E402
+from coopsim.nn.fusion.feature_fusion import Patches  # noqa: E402
 
 torch.set_num_threads(1)
 SIZE = (7, 13)

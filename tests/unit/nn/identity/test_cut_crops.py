@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("torch")
 
-from coopsim.nn.identity.cut_crops import cut_crops
+from coopsim.nn.identity.picture_identity_net import cut_crops
 
 PICTURE = np.random.default_rng(0).integers(0, 256, (20, 30, 3)).astype(np.uint8)
 

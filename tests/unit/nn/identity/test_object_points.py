@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from coopsim.nn.identity.object_points import join_points, points_in_boxes
+from coopsim.nn.identity.point_encoder import join_points, points_in_boxes
 
 BOX = np.array([10.0, -5.0, 1.0, 4.0, 2.0, 1.6, 0.5])
 

@@ -16,11 +16,11 @@ from tiny_networks import weights_folder  # noqa: E402
 from coopsim.errors import InvalidValueError  # noqa: E402
 from coopsim.learn.weights import load_cooperative, load_detector, load_pictures  # noqa: E402
 from coopsim.nn.camera.picture_batch import PictureView, collate_pictures  # noqa: E402
-from coopsim.nn.inference.agent_encoder import MixedEncoder, PictureEncoder, PointEncoder  # noqa: E402
+from coopsim.nn.cooperative.perceiver import OwnMap, Perceiver, PlacedMap  # noqa: E402
 from coopsim.nn.inference.backend import PROCESSOR, Backend  # noqa: E402
-from coopsim.nn.inference.perceiver import OwnMap, Perceiver, PlacedMap, compass_region  # noqa: E402
-from coopsim.nn.inference.quick_pictures import QuickPictureEncoder, pictures_of  # noqa: E402
-from coopsim.nn.inference.view_finder import ViewFinder  # noqa: E402
+from coopsim.nn.inference.canvas import compass_region  # noqa: E402
+from coopsim.nn.inference.detectors import ViewDetector  # noqa: E402
+from coopsim.nn.inference.encoders import MixedEncoder, PictureEncoder, PointEncoder, pictures_of  # noqa: E402  # noqa: E402
 from coopsim.types import BevGrid, SensorView, Sweep  # noqa: E402
 
 LIGHT = (14.4, -7.2)
@@ -44,7 +44,7 @@ def perceiver(name: str = "fcooper", threads: int = 1) -> Perceiver:
 
 
 def maps(network: Perceiver, *views: SensorView) -> list[OwnMap]:
-    return network.encode([encoder().look(view) for view in views], [np.zeros(2)] * len(views))
+    return network.encode([replace(encoder().take(view), position_m=np.zeros(2)) for view in views])
 
 
 def hottest(map_of: OwnMap, dark: OwnMap) -> np.ndarray[Any, Any]:
@@ -87,9 +87,8 @@ def test_each_agent_is_encoded_by_what_it_has() -> None:
     both = replace(pictures, sweeps=points.sweeps, lidars=lidar)
     neither = SensorView("cav_1", 0, points.odometry)
     got = maps(network, replace(points, lidars=lidar), both, neither)
-    expected = network.encode(
-        [PointEncoder(detector()).look(each) for each in (points, both, view_of(Sweep.empty()))], [np.zeros(2)] * 3
-    )
+    taken = [PointEncoder(detector()).take(each) for each in (points, both, view_of(Sweep.empty()))]
+    expected = network.encode([replace(each, position_m=np.zeros(2)) for each in taken])
     for one, other in zip(got, expected, strict=True):
         assert torch.equal(one.features, other.features)
         np.testing.assert_array_equal(one.message.values, other.message.values)
@@ -102,18 +101,17 @@ def test_maps_are_the_same_for_any_number_of_threads() -> None:
         np.testing.assert_array_equal(one.message.values, other.message.values)
 
 
-def test_a_quick_encoder_of_pictures_gives_the_same_features() -> None:
+def test_an_encoder_of_pictures_for_inference_gives_the_same_features() -> None:
     net, draw = picture_net_with_norms(), BevGrid((-38.4, 38.4), (-38.4, 38.4), 2.4)
+    encoder = PictureEncoder(net)
     batch = collate_pictures([PictureView(pictures_of(lit_view(LIGHT)), np.zeros(3), draw)])
     with PROCESSOR.inference():
-        got = QuickPictureEncoder(net.encoder)(batch).float()
+        got = encoder.encode([encoder.take(lit_view(LIGHT))], [draw]).float()
     with torch.no_grad():
         expected = net.encoder(batch)
     assert expected.abs().max() > 0
     torch.testing.assert_close(got, expected, rtol=0.05, atol=0.05 * float(expected.abs().max()))
-    assert not any(
-        isinstance(each, torch.nn.BatchNorm2d) for each in QuickPictureEncoder(net.encoder)._encoder.modules()
-    )
+    assert not any(isinstance(each, torch.nn.BatchNorm2d) for each in encoder._encoder.modules())
 
 
 def picture_net_with_norms() -> Any:
@@ -130,7 +128,7 @@ def picture_net_with_norms() -> Any:
 
 def test_a_finder_finds_lights_by_some_cameras_and_nothing_without() -> None:
     net = picture_net()
-    finder = ViewFinder(PictureEncoder(net), net.head, net.config.cell_m, Backend(threads=2))
+    finder = ViewDetector(PictureEncoder(net), net.head, net.config.cell_m, Backend(threads=2))
     some = lit_view(LIGHT, cameras=["camera_0", "camera_3"])
     found, dark, blind = finder.detect_around([some, lit_view(), replace(some, images={})], 38.4, 0.3)
     assert len(found) and found.covariance is not None

@@ -12,7 +12,7 @@ torch = pytest.importorskip("torch")
 from tiny_pictures import TINY_BOTH, shake  # noqa: E402
 
 from coopsim.learn.weights import make_network  # noqa: E402
-from coopsim.nn.inference.cloud_detector import CloudAndPicturesDetector, CloudDetector  # noqa: E402
+from coopsim.nn.inference.detectors import CloudAndPicturesDetector, CloudDetector  # noqa: E402
 
 
 @pytest.mark.parametrize("heading_rad", [0.0, 0.4])

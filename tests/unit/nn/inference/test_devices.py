@@ -8,8 +8,8 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from coopsim.errors import InvalidValueError  # noqa: E402
-from coopsim.nn.inference import devices  # noqa: E402
-from coopsim.nn.inference.devices import find_device, numbers_on, to_device  # noqa: E402
+from coopsim.nn.inference import backend  # noqa: E402
+from coopsim.nn.inference.backend import find_device, numbers_on, to_device  # noqa: E402
 
 CPU, GPU = torch.device("cpu"), torch.device("cuda")
 
@@ -51,7 +51,7 @@ def test_the_precision_that_is_asked_for_goes_before_the_setting(
 @pytest.mark.parametrize("has", [True, False])
 def test_auto_asks_the_device(has: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COOPSIM_PRECISION", "auto")
-    monkeypatch.setattr(devices, "multiplies_bfloat16", lambda: has)
+    monkeypatch.setattr(backend, "multiplies_bfloat16", lambda: has)
     monkeypatch.setattr(torch.cuda, "is_bf16_supported", lambda including_emulation: not (has or including_emulation))
     assert numbers_on(CPU) is (torch.bfloat16 if has else torch.float32)
     assert numbers_on(GPU) is (torch.float32 if has else torch.bfloat16)

@@ -11,7 +11,7 @@ pytest.importorskip("torch")
 
 PROGRAM = """
 import resource, numpy as np
-from coopsim.nn.inference.memory import keep_freed_memory
+from coopsim.nn.inference.backend import keep_freed_memory
 kept = keep_freed_memory()
 for _ in range(3): np.ones(8 * 2**20 // 8)
 before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt

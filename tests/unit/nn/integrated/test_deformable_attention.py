@@ -9,8 +9,8 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from coopsim.nn.integrated.branch import box_axes  # noqa: E402
-from coopsim.nn.integrated.deformable_attention import DeformableAttention  # noqa: E402
+from coopsim.nn.integrated.encoder import DeformableAttention  # noqa: E402
+from coopsim.nn.integrated.integrated_net import box_axes  # noqa: E402
 from coopsim.types import BevGrid  # noqa: E402
 
 torch.set_num_threads(1)

@@ -12,9 +12,8 @@ torch = pytest.importorskip("torch")
 
 from coopsim.errors import InvalidValueError  # noqa: E402
 from coopsim.nn.cooperative.cooperative_net import CooperativeConfig  # noqa: E402
-from coopsim.nn.inference.integrated_tracks import TrackRules  # noqa: E402
 from coopsim.nn.integrated.integrated_net import IntegratedConfig, IntegratedNet  # noqa: E402
-from coopsim.nn.integrated.track_update import updated_tracks  # noqa: E402
+from coopsim.nn.integrated.perceiver import TrackRules, updated_tracks  # noqa: E402
 from coopsim.nn.queries.instances import UNNUMBERED, Instances  # noqa: E402
 from coopsim.tracking.affinity import xiou  # noqa: E402
 from coopsim.tracking.cascade import four_stages  # noqa: E402

@@ -8,8 +8,12 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from coopsim.geometry.se3 import SE3  # noqa: E402
-from coopsim.nn.integrated.integrated_encoder import IntegratedEncoder  # noqa: E402
-from coopsim.nn.integrated.prior_enhancement import PriorEnhancement, PriorMap, cell_places  # noqa: E402
+from coopsim.nn.integrated.encoder import (  # noqa: E402
+    IntegratedEncoder,
+    PriorEnhancement,
+    PriorMap,
+    cell_places,
+)
 from coopsim.types import BevGrid  # noqa: E402
 
 torch.set_num_threads(1)

@@ -11,8 +11,7 @@ torch = pytest.importorskip("torch")
 from some_instances import FRAMES, WIDTH, at, require_close, some_instances  # noqa: E402
 
 from coopsim.geometry.se3 import SE3  # noqa: E402
-from coopsim.nn.queries.carry_over import met  # noqa: E402
-from coopsim.nn.queries.instances import Instances  # noqa: E402
+from coopsim.nn.queries.instances import Instances, met  # noqa: E402
 from coopsim.types import ObjectClass  # noqa: E402
 
 torch.set_num_threads(1)
@@ -56,7 +55,7 @@ def test_the_oldest_frame_falls_out_of_the_past() -> None:
 
 def test_others_get_neither_history_nor_number() -> None:
     known = some_instances(4, number=torch.arange(4))
-    heard = known.as_heard()
+    heard = known.as_received()
     require_close(known, heard)
     assert heard.number.tolist() == [-1] * 4 and not bool(torch.isfinite(heard.past_age_s).any())
     assert not heard.past_semantic.any() and heard.hits.tolist() == [2] * 4

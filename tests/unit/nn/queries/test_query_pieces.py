@@ -11,17 +11,16 @@ torch = pytest.importorskip("torch")
 from some_instances import FRAMES, WIDTH, at, some_instances, some_map, some_net  # noqa: E402
 
 from coopsim.geometry.se3 import SE3  # noqa: E402
-from coopsim.nn.queries.instance_attention import AmongInstances  # noqa: E402
-from coopsim.nn.queries.instance_history import InstanceHistory  # noqa: E402
-from coopsim.nn.queries.instance_pairs import (  # noqa: E402
+from coopsim.nn.queries.attention import AmongInstances, InstanceHistory  # noqa: E402
+from coopsim.nn.queries.cooptrack_fusion import BLOCK, LatentAlignment, aligned_boxes  # noqa: E402
+from coopsim.nn.queries.decoder import MotionFeatures, corners  # noqa: E402
+from coopsim.nn.queries.instance_fusion import (  # noqa: E402
     IMPOSSIBLE,
     GraphAssociation,
     pairs_by_gate,
     pairs_by_rule,
     sure_pairs,
 )
-from coopsim.nn.queries.motion_features import MotionFeatures, corners  # noqa: E402
-from coopsim.nn.queries.query_alignment import BLOCK, LatentAlignment, aligned_boxes  # noqa: E402
 
 torch.set_num_threads(1)
 HERE = SE3.identity()
@@ -174,7 +173,7 @@ def test_the_gate_is_the_size_of_the_own_box_along_its_axes() -> None:
 
 
 def test_heads_begin_with_what_the_detector_found() -> None:
-    from coopsim.nn.queries.instance_decoder import InstanceHeads
+    from coopsim.nn.queries.decoder import InstanceHeads
 
     heads, found = InstanceHeads(WIDTH), some_instances(6)
     logits = heads.logits(found, found.semantic)

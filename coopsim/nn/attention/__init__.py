@@ -1,1 +1,0 @@
-"""Attention over agents and places, of which fusions are built."""

@@ -1,0 +1,162 @@
+"""Detectors of one agent for inference: from points, pictures or both to detections."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from coopsim.geometry.se3 import Floats
+from coopsim.localization.odometry import Points, turned
+from coopsim.nn.camera.picture_batch import SeenPicture
+from coopsim.nn.camera.points_and_pictures import PointsAndPicturesNet
+from coopsim.nn.covariance.box_numbers import own_numbers
+from coopsim.nn.covariance.covariance_net import CovarianceNet, box_patches
+from coopsim.nn.detector.centre_head import CentreHead
+from coopsim.nn.detector.decode import decode
+from coopsim.nn.detector.detector_net import DetectorNet
+from coopsim.nn.detector.encoder import STRIDE
+from coopsim.nn.inference.backend import PROCESSOR, Backend
+from coopsim.nn.inference.canvas import compass_region
+from coopsim.nn.inference.encoders import BothEncoder, PointEncoder, SensedFrame, SensorEncoder, encode_frames, folded
+from coopsim.types import BevGrid, Detections, SensorView
+from coopsim.types.estimates import diagonals
+
+
+class CloudDetector:
+    """Run a `DetectorNet` on clouds of points, of one agent or several.
+
+    Attributes:
+        sweeps: number of sweeps that it was trained on.
+
+    Args:
+        net: the network.
+        backend: device and arithmetic; the covariances' network, which is tiny, stays on the processor.
+        covariance: a network that replaces the covariances of `detect_around`; None: they stay those of the head.
+    """
+
+    def __init__(self, net: DetectorNet, backend: Backend = PROCESSOR, covariance: CovarianceNet | None = None) -> None:
+        self._encoder, self._head = PointEncoder(net, backend), backend.place(folded(net.head))
+        self._covariance, self._backend = covariance, backend
+        self._cell_m, self.sweeps = STRIDE * net.config.cell_m, net.config.sweeps
+
+    def detect(
+        self, points: NDArray[np.float32], region_m: tuple[float, float], heading_rad: float, least_score: float
+    ) -> Detections:
+        """Return the detections in points (P, 5), in a region of the base frame and in the points' axes.
+
+        Args:
+            points: points in axes in which the agent's heading is `heading_rad`.
+            region_m: |x| and |y| at most, in the base frame; see `compass_region`.
+            heading_rad: the heading.
+            least_score: smallest score of a detection.
+        """
+        region = compass_region(region_m, heading_rad, self._cell_m)
+        return self._detect(region, least_score, [points])[0]
+
+    def detect_around(
+        self, clouds: Sequence[NDArray[np.float32]], reach_m: float, least_score: float
+    ) -> list[Detections]:
+        """Return the detections in clouds (P, 5) of A agents, in a square of +-`reach_m` around each."""
+        detect = self._detect if self._covariance is None else self._detect_with_covariance
+        region = compass_region((reach_m, reach_m), 0.0, self._cell_m)
+        return self._backend.map(partial(detect, region, least_score), clouds)
+
+    def detect_patches(
+        self, points: NDArray[np.float32], reach_m: float, least_score: float
+    ) -> tuple[Detections, Floats]:
+        """Return the N detections around one agent, as `detect_around`, and their `box_patches` (N, 9 C)."""
+        region = compass_region((reach_m, reach_m), 0.0, self._cell_m)
+        with self._backend.inference():
+            return self._seen(region, least_score, [points])[0]
+
+    def _detect(self, region: BevGrid, least_score: float, clouds: Sequence[NDArray[np.float32]]) -> list[Detections]:
+        with self._backend.inference():
+            return decode(self._head, self._features(region, clouds), region, least_score=least_score)
+
+    def _detect_with_covariance(
+        self, region: BevGrid, least_score: float, clouds: Sequence[NDArray[np.float32]]
+    ) -> list[Detections]:
+        with self._backend.inference():
+            seen = self._seen(region, least_score, clouds)
+        return [self._judged(*each) for each in seen]
+
+    def _judged(self, found: Detections, patches: Floats) -> Detections:
+        assert self._covariance is not None
+        looks = patches if self._covariance.config.features else None
+        variance = self._covariance.variances(own_numbers(found.boxes.array, found.score), looks)
+        return replace(found, covariance=diagonals(variance))
+
+    def _seen(
+        self, region: BevGrid, least_score: float, clouds: Sequence[NDArray[np.float32]]
+    ) -> list[tuple[Detections, Floats]]:
+        features = self._features(region, clouds)
+        found = decode(self._head, features, region, least_score=least_score)
+        boxes = [self._backend.put(torch.from_numpy(each.boxes.array)) for each in found]
+        patches = [box_patches(*each, region) for each in zip(features.float(), boxes, strict=True)]
+        return list(zip(found, (each.numpy(force=True) for each in patches), strict=True))
+
+    def _features(self, region: BevGrid, clouds: Sequence[NDArray[np.float32]]) -> Tensor:
+        pillars = BevGrid(region.x_m, region.y_m, region.cell_m / STRIDE)
+        frames = [SensedFrame(self._encoder, points) for points in clouds]
+        return self._encoder.encode(frames, [pillars] * len(clouds))
+
+
+class CloudAndPicturesDetector:
+    """Run a `PointsAndPicturesNet` on a cloud of points, of one agent or several, and on an agent's pictures."""
+
+    def __init__(self, net: PointsAndPicturesNet, backend: Backend = PROCESSOR) -> None:
+        self._encoder, self._head = BothEncoder(net, backend), backend.place(folded(net.head))
+        self._cell_m, self._backend = STRIDE * net.config.pictures.cell_m, backend
+
+    def detect(
+        self,
+        points: Points,
+        pictures: Sequence[SeenPicture],
+        region_m: tuple[float, float],
+        heading_rad: float,
+        least_score: float,
+    ) -> Detections:
+        """Return the detections in points (P, 5) and in an agent's pictures; see `CloudDetector.detect`.
+
+        All points measure depths in the pictures: those of other agents, too.
+        """
+        region = compass_region(region_m, heading_rad, self._cell_m)
+        canvas = BevGrid(region.x_m, region.y_m, region.cell_m / STRIDE)
+        depth_points_m = turned(points, -heading_rad)[:, :3]
+        frame = SensedFrame(self._encoder, points, pictures, depth_points_m, heading_rad)
+        with self._backend.inference():
+            features = self._encoder.encode([frame], [canvas])
+            return decode(self._head, features, region, least_score=least_score)[0]
+
+
+class ViewDetector:
+    """Run an encoder and a head on agents' sensor data.
+
+    Args:
+        encoder: encoder of an agent's sensor data.
+        head: head on its features.
+        cell_m: edge of a cell of the encoder's canvas.
+        backend: device and arithmetic.
+    """
+
+    def __init__(self, encoder: SensorEncoder, head: CentreHead, cell_m: float, backend: Backend = PROCESSOR) -> None:
+        self._encoder, self._head = encoder, backend.place(folded(head))
+        self._cell_m, self._backend = STRIDE * cell_m, backend
+
+    def detect_around(self, views: Sequence[SensorView], reach_m: float, least_score: float) -> list[Detections]:
+        """Return the detections of A agents, in a square of +-`reach_m` around each, in base frames."""
+        region = compass_region((reach_m, reach_m), 0.0, self._cell_m)
+        # Without a pose, the axes are those of the base frame.
+        frames = [self._encoder.take(replace(view, pose=None)) for view in views]
+        return self._backend.map(partial(self._detect, region, least_score), frames)
+
+    def _detect(self, region: BevGrid, least_score: float, frames: Sequence[SensedFrame]) -> list[Detections]:
+        canvas = BevGrid(region.x_m, region.y_m, region.cell_m / STRIDE)
+        with self._backend.inference():
+            return decode(self._head, encode_frames(frames, [canvas] * len(frames)), region, least_score=least_score)
