@@ -18,8 +18,8 @@ from coopsim.learn.clips.clip import ClipSource
 from coopsim.learn.samples.targets import Targets
 from coopsim.learn.tasks.training_task import FoundMap, TrainingTask
 from coopsim.metrics.average_precision import average_precision_of
-from coopsim.nn.detector.box_code import decode_boxes
 from coopsim.nn.detector.decode import GROUPS, cell_centers
+from coopsim.nn.detector.detector_net import decode_boxes
 from coopsim.nn.inference.backend import to_device
 from coopsim.support.rng import stream
 from coopsim.types import BevGrid

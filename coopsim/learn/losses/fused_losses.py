@@ -19,8 +19,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.learn.losses.head_losses import head_loss, heat_loss, sum_of
 from coopsim.learn.samples.flow_samples import FlowSample
 from coopsim.learn.samples.fused_samples import CooperativeSample, ReceiverView
-from coopsim.nn.cooperative.cooperative_net import CooperativeNet
-from coopsim.nn.cooperative.cooperative_net import FeatureFlow, moved_on
+from coopsim.nn.cooperative.cooperative_net import CooperativeNet, FeatureFlow, moved_on
 from coopsim.nn.cooperative.warp import warp
 from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.pillars import PillarBatch

@@ -11,7 +11,7 @@ from torch.nn import functional
 from coopsim.errors import UnknownNameError
 from coopsim.learn.samples.targets import Targets
 from coopsim.nn.camera.picture_net import DepthBins
-from coopsim.nn.detector.box_code import (
+from coopsim.nn.detector.detector_net import (
     AXIS,
     HEADING,
     HEIGHT,
@@ -19,9 +19,10 @@ from coopsim.nn.detector.box_code import (
     OFFSET,
     SIZE,
     VELOCITY,
+    CentreHead,
+    at_cells,
     residuals,
 )
-from coopsim.nn.detector.centre_head import CentreHead, at_cells
 from coopsim.types.taxonomy import CLASS_NAMES
 
 WEIGHTS = {

@@ -15,8 +15,7 @@ from coopsim.learn.clips.clip import BLOCK, AgentScene, Clip, Picture, Scene, ne
 from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, rotated, sweeps_of, thin
 from coopsim.learn.samples.targets import Targets, join_targets, make_targets
-from coopsim.nn.camera.picture_batch import PictureBatch, PictureView, SeenPicture, by_size, collate_pictures
-from coopsim.nn.camera.picture_batch import STRIDE_PX
+from coopsim.nn.camera.picture_batch import STRIDE_PX, PictureBatch, PictureView, SeenPicture, by_size, collate_pictures
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.detector.pillars import PillarBatch, Pillars, collate, pillarize
 from coopsim.sensors.camera.projection import project

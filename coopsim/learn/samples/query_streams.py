@@ -15,8 +15,7 @@ from coopsim.learn.clips.clip import Clip
 from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.fused_samples import LATEST_S
 from coopsim.learn.samples.sample_frames import mirror, moved, rotated, sweeps_of, thin
-from coopsim.nn.cooperative.cooperative_net import CooperativeNet
-from coopsim.nn.cooperative.cooperative_net import LONGEST_S, moved_on
+from coopsim.nn.cooperative.cooperative_net import LONGEST_S, CooperativeNet, moved_on
 from coopsim.nn.cooperative.warp import warp
 from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.encoder import STRIDE

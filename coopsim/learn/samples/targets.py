@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from coopsim.geometry.se3 import Floats
-from coopsim.nn.detector.box_code import encode_boxes
 from coopsim.nn.detector.decode import cell_centers
+from coopsim.nn.detector.detector_net import encode_boxes
 from coopsim.types import BevGrid, Ints
 from coopsim.types.taxonomy import CLASS_NAMES
 
@@ -33,7 +33,7 @@ class Targets:
     Attributes:
         heat: (B, 9, h, w) in [0, 1], 1 at the cells of centres.
         cell: (M,) cells whose code is taught, numbered through all maps.
-        code: (M, 12), see `coopsim.nn.detector.box_code`.
+        code: (M, 12), see `coopsim.nn.detector.detector_net`.
         weight: (M,) heat of the cells.
         label: (M,) class of the cells' objects.
         yaw: (M,) heading of the cells' objects.

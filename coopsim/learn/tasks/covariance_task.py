@@ -30,9 +30,8 @@ from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.score import summarize
 from coopsim.metrics.track_log import TrackLog
 from coopsim.nn.covariance.covariance_net import CovarianceNet
-from coopsim.nn.inference.backend import PROCESSOR, Backend
+from coopsim.nn.inference.backend import PROCESSOR, Backend, numbers_on
 from coopsim.nn.inference.detectors import CloudDetector
-from coopsim.nn.inference.backend import numbers_on
 from coopsim.tracking.ab3dmot_tracker import ab3dmot
 from coopsim.types import seconds_to_ns
 from coopsim.types.estimates import diagonals

@@ -40,8 +40,8 @@ from coopsim.learn.samples.sightings import (
 from coopsim.learn.tasks.training_task import LOSS, TrainingTask, WeightsFile, first_net, weights_metadata
 from coopsim.metrics.average_precision import separation
 from coopsim.nn.identity.clip_teachers import ClipTeachers, Crop
-from coopsim.nn.identity.point_encoder import LEAST_POINTS, ObjectPoints, PointBatch, join_points, points_in_boxes
 from coopsim.nn.identity.picture_identity_net import PictureIdentityConfig
+from coopsim.nn.identity.point_encoder import LEAST_POINTS, ObjectPoints, PointBatch, join_points, points_in_boxes
 from coopsim.sensors.camera.crops import best_crops
 
 

@@ -29,10 +29,10 @@ from coopsim.learn.tasks.query_task import SURE, QueryEvaluation
 from coopsim.learn.tasks.training_task import LOSS, TrainingTask, mean_losses, weights_metadata
 from coopsim.learn.weights import load_cooperative, load_detector, make_network, read_config
 from coopsim.nn.detector.encoder import STRIDE
-from coopsim.nn.queries.perceiver import peaks_of
 from coopsim.nn.integrated.integrated_net import IntegratedNet
 from coopsim.nn.integrated.perceiver import updated_tracks
 from coopsim.nn.queries.instances import UNNUMBERED, Instances
+from coopsim.nn.queries.perceiver import peaks_of
 from coopsim.nn.queries.query_net import QueryStep, SeenMap, kept_instances
 from coopsim.types import BevGrid
 

@@ -21,10 +21,9 @@ from coopsim.learn.samples.picture_samples import PicturesOfBatch, collate_pictu
 from coopsim.learn.tasks.detector_task import found_map
 from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, weights_metadata
 from coopsim.learn.weights import load_detector, load_pictures, load_points_and_pictures, make_network, read_texts
-from coopsim.nn.camera.lift_splat import LiftSplatConfig, LiftSplatEncoder
-from coopsim.nn.camera.lift_splat import PictureDetectorNet
-from coopsim.nn.camera.points_and_pictures import PointsAndPicturesNet
+from coopsim.nn.camera.lift_splat import LiftSplatConfig, LiftSplatEncoder, PictureDetectorNet
 from coopsim.nn.camera.picture_net import PictureFeatures
+from coopsim.nn.camera.points_and_pictures import PointsAndPicturesNet
 from coopsim.nn.detector.detector_net import DetectorNet
 
 

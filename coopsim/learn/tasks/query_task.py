@@ -22,10 +22,10 @@ from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.query_streams import QueryStream, StreamCutter, TrueObjects, true_objects
 from coopsim.learn.tasks.training_task import LOSS, TrainingTask, mean_losses, weights_metadata
 from coopsim.learn.weights import load_detector, load_queries, make_network
-from coopsim.nn.queries.perceiver import seen_map
 from coopsim.nn.queries.cooptrack_fusion import ReceivedInstances
 from coopsim.nn.queries.instance_fusion import sure_pairs
 from coopsim.nn.queries.instances import Instances
+from coopsim.nn.queries.perceiver import seen_map
 from coopsim.nn.queries.query_net import QueryConfig, QueryNet, QueryStep, SeenMap, kept_instances
 from coopsim.types import BevGrid
 

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from coopsim.errors import InvalidValueError
 from coopsim.nn.camera.picture_batch import CameraViews, PictureBatch
 from coopsim.nn.camera.picture_net import BACKBONES, DepthBins, PictureFeatures, PictureNet
-from coopsim.nn.detector.centre_head import CentreHead
+from coopsim.nn.detector.detector_net import CentreHead
 from coopsim.nn.detector.encoder import COARSEST, MOST_CHANNELS, EncoderConfig, MapEncoder
 from coopsim.support.checks import require_choice, require_count
 

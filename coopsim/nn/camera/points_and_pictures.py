@@ -17,7 +17,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.nn.camera.lift_splat import LiftSplatConfig, PictureCanvas
 from coopsim.nn.camera.picture_batch import PictureBatch
 from coopsim.nn.camera.picture_net import DepthBins, PictureFeatures
-from coopsim.nn.detector.centre_head import CentreHead
+from coopsim.nn.detector.detector_net import CentreHead
 from coopsim.nn.detector.encoder import PillarEncoder
 from coopsim.nn.detector.pillars import PillarBatch
 from coopsim.support.checks import require_count

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from coopsim.errors import InvalidValueError
-from coopsim.nn.detector.centre_head import RARE, CentreHead
+from coopsim.nn.detector.detector_net import RARE, CentreHead
 from coopsim.nn.detector.encoder import MOST_CHANNELS
 from coopsim.nn.fusion import FUSIONS, FeatureFusion, Foreground, FusionContext, as_batch
 from coopsim.nn.fusion.feature_fusion import start_as_zeros

@@ -9,8 +9,7 @@ from torch.nn import functional
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.nms import nms_bev
-from coopsim.nn.detector.box_code import LOG_VARIANCE, covariances, decode_boxes
-from coopsim.nn.detector.centre_head import CentreHead, at_cells
+from coopsim.nn.detector.detector_net import LOG_VARIANCE, CentreHead, at_cells, covariances, decode_boxes
 from coopsim.types import BevGrid, Detections
 from coopsim.types.taxonomy import ObjectClass
 

@@ -88,7 +88,7 @@ class MapEncoder(nn.Module):
 
 
 class PillarEncoder(MapEncoder):
-    """Small encoder of PointPillars: a linear layer and a maximum over each pillar's points, then three scales, joined."""
+    """Encoder of PointPillars: a linear layer and a maximum over each pillar's points, then three scales, joined."""
 
     def __init__(self, config: EncoderConfig | None = None) -> None:
         super().__init__()

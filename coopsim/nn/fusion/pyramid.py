@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from coopsim.nn.detector.centre_head import RARE
+from coopsim.nn.detector.detector_net import RARE
 from coopsim.nn.fusion.feature_fusion import (
     FUSIONS,
     FeatureFusion,

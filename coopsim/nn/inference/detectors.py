@@ -17,9 +17,8 @@ from coopsim.nn.camera.picture_batch import SeenPicture
 from coopsim.nn.camera.points_and_pictures import PointsAndPicturesNet
 from coopsim.nn.covariance.box_numbers import own_numbers
 from coopsim.nn.covariance.covariance_net import CovarianceNet, box_patches
-from coopsim.nn.detector.centre_head import CentreHead
 from coopsim.nn.detector.decode import decode
-from coopsim.nn.detector.detector_net import DetectorNet
+from coopsim.nn.detector.detector_net import CentreHead, DetectorNet
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.inference.backend import PROCESSOR, Backend
 from coopsim.nn.inference.canvas import compass_region

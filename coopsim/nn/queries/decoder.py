@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from coopsim.nn.covariance.covariance_net import PLACES, box_patches
-from coopsim.nn.detector.box_code import size_priors
+from coopsim.nn.detector.detector_net import size_priors
 from coopsim.nn.fusion.feature_fusion import start_as_zeros
 from coopsim.nn.queries.attention import AmongInstances, InstanceAttention, mlp
 from coopsim.nn.queries.instances import Instances, logit

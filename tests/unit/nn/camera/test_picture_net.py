@@ -12,9 +12,8 @@ from torch import Tensor, nn
 
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.learn.weights import make_network
-from coopsim.nn.camera.picture_net import DepthBins
 from coopsim.nn.camera.picture_batch import CameraViews, collate_pictures
-from coopsim.nn.camera.picture_net import BACKBONES, PictureNet
+from coopsim.nn.camera.picture_net import BACKBONES, DepthBins, PictureNet
 from coopsim.sensors.camera.camera import Camera
 from coopsim.sensors.camera.intrinsics import Intrinsics
 

@@ -10,9 +10,8 @@ from tiny_pictures import GRID, TINY_BOTH, shake, tiny_view
 
 from coopsim.errors import InvalidValueError
 from coopsim.learn.weights import make_network
-from coopsim.nn.camera.picture_net import DepthBins
 from coopsim.nn.camera.picture_batch import PictureView, collate_pictures
-from coopsim.nn.camera.picture_net import PictureFeatures
+from coopsim.nn.camera.picture_net import DepthBins, PictureFeatures
 from coopsim.nn.camera.points_and_pictures import (
     PointsAndPicturesConfig,
     PointsAndPicturesEncoder,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from coopsim.nn.detector.box_code import MEAN_SIZE_M, covariances, decode_boxes, encode_boxes, residuals
+from coopsim.nn.detector.detector_net import MEAN_SIZE_M, covariances, decode_boxes, encode_boxes, residuals
 from coopsim.types.taxonomy import ObjectClass
 
 

@@ -4,9 +4,8 @@ import numpy as np
 import torch
 
 from coopsim.learn.samples.targets import make_targets
-from coopsim.nn.detector.box_code import MEAN_SIZE_M
-from coopsim.nn.detector.centre_head import CentreHead
 from coopsim.nn.detector.decode import decode
+from coopsim.nn.detector.detector_net import MEAN_SIZE_M, CentreHead
 from coopsim.types import BevGrid
 from coopsim.types.taxonomy import ObjectClass
 

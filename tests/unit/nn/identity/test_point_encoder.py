@@ -9,8 +9,7 @@ import torch
 
 from coopsim.errors import CoopsimError
 from coopsim.learn.weights import make_network
-from coopsim.nn.identity.point_encoder import join_points
-from coopsim.nn.identity.point_encoder import PointIdentityConfig, PointIdentityNet
+from coopsim.nn.identity.point_encoder import PointIdentityConfig, PointIdentityNet, join_points
 
 TINY: dict[str, Any] = {"widths": [4, 5, 6, 6, 7], "dim": 3, "points": 16}
 
