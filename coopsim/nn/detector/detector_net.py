@@ -1,4 +1,4 @@
-"""Network of one agent: encoder, centre head for all nine classes (CenterPoint, Yin et al., CVPR 2021), code of boxes."""
+"""Network of one agent: encoder, centre head (CenterPoint, Yin et al., CVPR 2021) and its code of boxes."""
 
 from __future__ import annotations
 
