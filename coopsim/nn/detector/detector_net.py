@@ -10,7 +10,6 @@ from torch import Tensor, nn
 from coopsim.nn.detector.encoder import EncoderConfig, PillarEncoder, conv
 from coopsim.types.taxonomy import CLASS_NAMES, ObjectClass
 
-
 MEAN_SIZE_M = {
     ObjectClass.CAR: (4.6, 1.85, 1.55),
     ObjectClass.VAN: (5.2, 1.95, 2.05),
