@@ -34,7 +34,7 @@ _MOST_SENDERS = 32
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Received:
-    """The newest message of one sender.
+    """Newest message of one sender.
 
     Attributes:
         message: the message.
@@ -121,14 +121,14 @@ class PerceivingPolicy(TrackingPolicy):
 
     @abstractmethod
     def find(self, agent: str, observation: Observation, received: Sequence[Received]) -> Detections:
-        """Return what `agent` and those it received see together, in its compass frame now."""
+        """Return the detections of `agent` and the senders together, in its compass frame now."""
 
     @abstractmethod
     def found_by(self, heading_rad: float, content: Any) -> Detections:
-        """Return what a sender with this heading saw, as its message alone shows it, in its base frame."""
+        """Return the detections of a sender with this heading, by its message alone, in its base frame."""
 
     def tracking_policy(self) -> TrackingPolicy:
-        """Return the policy whose tracker is used; with the `own_tracker`, one that is never asked to track.
+        """Return the policy whose tracker is used; with the `own_tracker`, any one.
 
         Raises:
             UnknownNameError: there is none of that name.
@@ -153,7 +153,7 @@ class PerceivingPolicy(TrackingPolicy):
         self._received[spec.name], self._tracking.counts = {}, self.counts
 
     def prepare(self, observations: Mapping[str, Observation]) -> None:
-        """Do what several agents' `find` needs, and is better done for all at once; called before, in each frame."""
+        """Prepare a frame of all agents, before `find` is called for each."""
 
     def track_all(self, observations: Mapping[str, Observation]) -> dict[str, Tracks]:
         for agent, observation in observations.items():
@@ -176,21 +176,21 @@ class PerceivingPolicy(TrackingPolicy):
         return self._perceive(agent, observation, self._listen(agent, observation))
 
     def _perceive(self, agent: str, observation: Observation, received: Sequence[Received]) -> Detections:
-        """Return what the agent and those it received see together, in its base frame; may run beside other agents'."""
+        """Return the detections of the agent and its senders, in its base frame; may run beside other agents'."""
         if not observation.sensed:
             return Detections.empty()
         found = self.find(agent, observation, received).transform(base_SE3_compass(observation))
         return self._less_itself(agent, observation.time_ns, received, found)
 
     def _less_itself(self, agent: str, now_ns: int, received: Sequence[Received], found: Detections) -> Detections:
-        """Return what is found in the agent's base frame, less the agent: no agent is its own object."""
+        """Return detections in the agent's base frame, less the agent: no agent is its own object."""
         if self._states[agent].is_object:
             for place_m in self._own_places(agent, now_ns, received):
                 found = found[~covers(found.boxes, place_m)]
         return found
 
     def _own_places(self, agent: str, now_ns: int, received: Sequence[Received]) -> Floats:
-        """Return where the agent is, and where it was when late messages were captured: (M, 2) m in its base frame."""
+        """Return the agent's places now and when late messages were captured: (M, 2) m in its base frame."""
         frame, now_m = self._states[agent].frame, np.zeros((1, 2))
         before_ns = sorted({each.captured_ns for each in received if each.captured_ns < now_ns})
         if not before_ns:

@@ -94,9 +94,9 @@ class TrackingPolicy(Policy):
     def fuse(self, groups: Sequence[Detections]) -> Sequence[Detections]:
         """Turn one moment's detections, a group per agent, into the groups that update the tracks one after another.
 
-        The first group is the receiver's or, in a recording, that of the agent whose frame it is, because it came
-        through no estimated pose. By default each agent's own group updates the tracks. The groups come as
-        `DetectionGroups`, so a fusion of many agents may work on `groups.joined`.
+        The first group is the receiver's or, in a recording, that of the agent whose frame it is. By default each
+        agent's own group updates the tracks. The groups come as `DetectionGroups`, so a fusion of many agents may work
+        on `groups.joined`.
         """
         return groups
 
@@ -138,10 +138,10 @@ class TrackingPolicy(Policy):
         return state.tracks.step(measured, observation.time_ns).transform(odom_SE3_base.inverse())
 
     def detections(self, agent: str) -> Detections:
-        """Return the detections that updated the agent's tracks last, in its base frame: those of the newest moment.
+        """Return the detections that updated the agent's tracks last, in its base frame; none before its first frame.
 
-        They are what `perceive` and `fuse` made of everything that had arrived: of a late fusion the merged boxes, of a
-        fusion of features what the network found. None before the agent's first frame.
+        They are the result of `perceive` and `fuse` for the newest moment: of a late fusion the merged boxes, of a
+        fusion of features the network's detections.
 
         Raises:
             UnknownNameError: there is no such agent in the running episode.
@@ -164,10 +164,10 @@ def _measurements(
     state: _AgentState,
     alignment: PoseAlignment | None,
 ) -> Measurements:
-    """Return the receiver's own boxes and those of each message, in the odometry frame.
+    """Return the receiver's own boxes and those of each message, in the odometry frame, less those on the receiver
+    itself.
 
-    Those on the receiver itself are left out: it is not its own object. A policy that reads messages elsewhere places
-    them by its alignment there, once in each frame, and gives none here.
+    A policy that reads messages elsewhere places them by its alignment there, once in each frame, and gives none here.
     """
     frame, messages = state.frame, [message for message, _ in received]
     captured_ns = [observation.time_ns, *(message.captured_ns for message in messages)]
@@ -200,14 +200,10 @@ def nearby_messages(observation: Observation) -> list[Message]:
 
 
 class LearnedCovariance:
-    """A network that gives every box a covariance, in the place of what its detector states.
+    """Network, by name or path of its weights, that gives every box a covariance instead of the detector's.
 
     It works at the receiver: nothing is sent, so any codec serves, and one network serves any number of agents. A
-    network that sees features works where these are, in the detector: then what detectors state stays as it is, and
-    only the motion model is the network's.
-
-    Args:
-        weights: name or path of weights of the kind "covariance".
+    network that reads features works where these are, in the detector: then only the motion model is the network's.
 
     Raises:
         MissingDependencyError: torch is not installed.
@@ -241,7 +237,7 @@ class LearnedCovariance:
             groups: G groups in the receiver's odometry frame.
             odom_SE3_base: the receiver's base frame now.
             odom_SE3_sensors: (G) base frame of each group's agent when it sensed.
-            known: (G,) where that is known; not in a recording, where all boxes come in one agent's frame.
+            known: (G,) False in a recording, where all boxes come in one agent's frame.
         """
         from coopsim.nn.covariance.box_numbers import box_numbers
 
