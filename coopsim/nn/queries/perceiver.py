@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -18,7 +19,6 @@ from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.inference.backend import PROCESSOR, Backend, to_device
 from coopsim.nn.inference.canvas import canvas_around, compass_region, way_to_world_cells
 from coopsim.nn.inference.encoders import SensedFrame, encode_frames, folded
-from coopsim.nn.integrated.integrated_net import IntegratedNet
 from coopsim.nn.queries.cooptrack_fusion import ReceivedInstances, aligned_boxes
 from coopsim.nn.queries.instances import UNNUMBERED, Instances
 from coopsim.nn.queries.query_net import LEAST_SCORE, QueryNet, SeenMap, kept_instances
@@ -156,7 +156,17 @@ def seen_map(net: QueryNet, head: torch.nn.Module, features: Tensor, grid: BevGr
     return SeenMap(features[0], grid, peaks_of(net, head, features, grid))
 
 
-def peaks_of(net: QueryNet | IntegratedNet, head: torch.nn.Module, features: Tensor, grid: BevGrid) -> Instances:
+class InstanceNet(Protocol):
+    """Network that keeps at most `config.places` instances."""
+
+    config: Any
+
+    def seen(self, box: Tensor, score: Tensor, label: Tensor) -> Instances:
+        """Return new instances of boxes (K, 7), scores (K,) and labels (K,)."""
+        ...
+
+
+def peaks_of(net: InstanceNet, head: torch.nn.Module, features: Tensor, grid: BevGrid) -> Instances:
     """Return the surest peaks of a centre head on a map (1, C, h, w), as instances of a network's sizes."""
     found = decode(head, features, grid, least_score=LEAST_SCORE)[0][: net.config.places]  # type: ignore[arg-type]
     box = torch.from_numpy(found.boxes.array.astype(np.float32))
