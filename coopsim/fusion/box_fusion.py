@@ -27,7 +27,6 @@ from coopsim.fusion.fused_boxes import (
 from coopsim.fusion.registration import register_rows
 from coopsim.geometry.iou import common_ground
 from coopsim.geometry.se3 import Floats
-from coopsim.support.checks import require_between, require_probability
 from coopsim.support.kernels import njit
 from coopsim.types import Detections, Ints
 from coopsim.types.groups import DetectionGroups
@@ -60,8 +59,6 @@ def trust_likelier(
         least_chance: smallest chance, in [0, 1], that a replaced box is right where the fused one is not, from which it
             is kept; 1: none is.
     """
-    require_between(-1, 1, gate=gate)
-    require_probability(least_chance=least_chance)
     valid = _valid(groups)
     weights = np.zeros(0) if hearsay is None else hearsay.weights
     joined = valid.joined

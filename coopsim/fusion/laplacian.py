@@ -12,30 +12,18 @@ Processing", eq. 8-13. There are two agents there; here any number.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from itertools import combinations
-
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.sparse import coo_array, csc_array, csr_array, diags_array, eye_array
 from scipy.sparse.linalg import splu
 from scipy.spatial import KDTree
 
-from coopsim.errors import InvalidValueError
 from coopsim.fusion.pooling import match_agents
-from coopsim.geometry.assignment import hungarian
-from coopsim.geometry.iou import iou_3d
 from coopsim.geometry.se3 import Floats
-from coopsim.support.arrays import frozen
-from coopsim.support.checks import require_count
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
 
-Kernel = Callable[[ArrayLike, ArrayLike], Floats]
-"""Boxes (N, 7) and (M, 7) to (N, M), larger is better."""
 
-
-def refine(center: ArrayLike, anchor: ArrayLike) -> Floats:
+def refine(center: Floats, anchor: Floats) -> Floats:
     """Solve the fully connected graph, in closed form and O(N) (eq. 8-10).
 
     Of |L v - L x|^2 + |v - a|^2 with L = N I - 1 1^T the minimum is, for each axis,
@@ -49,12 +37,12 @@ def refine(center: ArrayLike, anchor: ArrayLike) -> Floats:
 
     All are (N, 3) m: centres x, anchors a, and the result v.
     """
-    where, offset = _offset(center, anchor)
+    offset = anchor - center
     shared: Floats = offset.sum(axis=0) / max(len(offset), 1)
-    return where + shared + (offset - shared) / (len(offset) ** 2 + 1)
+    return center + shared + (offset - shared) / (len(offset) ** 2 + 1)
 
 
-def refine_sparse(center: ArrayLike, anchor: ArrayLike, adjacency: csr_array) -> Floats:
+def refine_sparse(center: Floats, anchor: Floats, adjacency: csr_array) -> Floats:
     """Solve the same problem (eq. 8-10) on any graph: (L^T L + I) (v - x) = a - x.
 
     The mean anchor offset of a connected part is applied in full; a component of the offsets with an eigenvalue e of L
@@ -62,80 +50,51 @@ def refine_sparse(center: ArrayLike, anchor: ArrayLike, adjacency: csr_array) ->
 
     The adjacency (N, N) is symmetric, 1 where two vertices are connected, as from `nearest_graph`.
     """
-    where, offset = _offset(center, anchor)
-    if adjacency.shape != (len(where), len(where)):
-        raise InvalidValueError(f"adjacency must have shape {(len(where),) * 2}, got {adjacency.shape}")
-    if not len(where):
-        return where.copy()
+    if not len(center):
+        return center.copy()
     laplacian = diags_array(adjacency.sum(axis=1)) - adjacency
-    system = csc_array(laplacian.T @ laplacian + eye_array(len(where)))
-    moved: Floats = splu(system).solve(offset)
-    return where + moved
+    system = csc_array(laplacian.T @ laplacian + eye_array(len(center)))
+    moved: Floats = splu(system).solve(anchor - center)
+    return center + moved
 
 
-def nearest_graph(center: ArrayLike, count: int) -> csr_array:
+def nearest_graph(center: Floats, count: int) -> csr_array:
     """Connect each vertex (N, 3) to its `count` nearest ones, in both directions; (N, N) of 0 and 1."""
-    require_count(1, count=count)
-    points = frozen(center, (None, 3), np.float64, "center")
-    if len(points) < 2:
-        return _graph(np.zeros((0, 2), dtype=np.int64), len(points))
+    if len(center) < 2:
+        return _graph(np.zeros((0, 2), dtype=np.int64), len(center))
     # A vertex is its own nearest, or as near as any: it is queried too, and removed in the end.
-    _, nearest = KDTree(points).query(points, k=min(count + 1, len(points)))
-    return _graph(np.column_stack([np.repeat(np.arange(len(points)), nearest.shape[1]), nearest.ravel()]), len(points))
+    _, nearest = KDTree(center).query(center, k=min(count + 1, len(center)))
+    return _graph(np.column_stack([np.repeat(np.arange(len(center)), nearest.shape[1]), nearest.ravel()]), len(center))
 
 
-def group(
-    boxes: ArrayLike, agent: ArrayLike, threshold: float, *, label: ArrayLike | None = None, kernel: Kernel = iou_3d
-) -> Ints:
-    """Group the boxes of one object: every two agents' boxes are matched (Hungarian), and matches are joined.
+def group(boxes: Floats, agent: Ints, threshold: float, label: Ints) -> Ints:
+    """Group the boxes of one object: every two agents' boxes are matched by 3D IoU (Hungarian), and matches are joined.
 
     A group has at most one box of each agent. Where chains of matches contradict that, the best matches count. With two
     agents a group is a matched pair or a single box.
 
-    Boxes (N, 7) are in one frame; agents (N,) may have any numbers, and classes (N,) never mix. The threshold, the
-    smallest affinity of a match, is > 0 for `iou_3d`, because boxes far apart have 0. Return the group (N,) of each
-    box, numbered from 0 in order of their first boxes.
+    Boxes (N, 7) are in one frame; agents (N,) may have any numbers, and classes (N,) never mix. The threshold is > 0.
+    Return the group (N,) of each box, numbered from 0 in order of their first boxes.
     """
-    rows = frozen(boxes, (None, 7), np.float64, "boxes")
-    names, owner = np.unique(frozen(agent, (len(rows),), np.int64, "agent"), return_inverse=True)
-    classes = np.zeros(len(rows), dtype=np.int64) if label is None else frozen(label, (len(rows),), np.int64, "label")
-    if kernel is iou_3d and threshold > 0 and np.isfinite(rows).all():
-        pairs, value = match_agents(rows, owner, classes, threshold)
-    else:
-        pairs, value = _match_all_pairs(rows, owner, classes, threshold, kernel)
+    names, owner = np.unique(agent, return_inverse=True)
+    pairs, value = match_agents(boxes, owner, label, threshold)
     first_box = _join(pairs[np.argsort(-value, kind="stable")], owner, len(names))
     return np.unique(first_box, return_inverse=True)[1].astype(np.int64)
 
 
-def _match_all_pairs(
-    boxes: Floats, owner: Ints, classes: Ints, threshold: float, kernel: Kernel
-) -> tuple[Ints, Floats]:
-    """Match the boxes of every two agents as `match_agents` does, by any affinity."""
-    own = [np.flatnonzero(owner == k) for k in range(owner.max(initial=-1) + 1)]
-    pairs, values = [np.zeros((0, 2), dtype=np.int64)], [np.zeros(0)]
-    for mine, theirs in combinations(own, 2):
-        affinity = kernel(boxes[mine], boxes[theirs])
-        affinity = np.where(classes[mine, None] == classes[theirs], affinity, -np.inf)
-        row, column = hungarian(affinity, threshold)
-        pairs.append(np.column_stack([mine[row], theirs[column]]))
-        values.append(affinity[row, column])
-    return np.concatenate(pairs), np.concatenate(values)
-
-
-def anchors_aos(center: ArrayLike, group: ArrayLike) -> Floats:
+def anchors_aos(center: Floats, group: Ints) -> Floats:
     """Return the anchors (N, 3) for all in one stage (AOS): the mean of a box's partners, or its own position.
 
     With two agents matched boxes take each other's position (eq. 11). Centres are (N, 3) m, groups (N,) from `group`.
     """
-    points, index = _grouped(center, group)
-    partners = np.bincount(index) - 1
+    partners = np.bincount(group) - 1
     total = np.zeros((len(partners), 3))
-    np.add.at(total, index, points)
-    shared = partners[index] > 0
-    return np.where(shared[:, None], (total[index] - points) / np.maximum(partners[index], 1)[:, None], points)
+    np.add.at(total, group, center)
+    shared = partners[group] > 0
+    return np.where(shared[:, None], (total[group] - center) / np.maximum(partners[group], 1)[:, None], center)
 
 
-def anchors_tsa(center: ArrayLike, group: ArrayLike, agent: ArrayLike, source: int) -> Floats:
+def anchors_tsa(center: Floats, group: Ints, agent: Ints, source: int) -> Floats:
     """Return the anchors (N, 3) of one stage (TSA): for a whole group the box of agent `source`, else its position.
 
     There are as many stages as agents, each with another source. With two agents i and j the first stage has j's
@@ -143,22 +102,11 @@ def anchors_tsa(center: ArrayLike, group: ArrayLike, agent: ArrayLike, source: i
 
     Centres are (N, 3) m, groups (N,) from `group`, and agents (N,) numbers, of which `source` has the anchors.
     """
-    points, index = _grouped(center, group)
-    anchoring = np.flatnonzero(frozen(agent, (len(points),), np.int64, "agent") == source)
-    anchor_of = np.full(index.max(initial=-1) + 1, -1)
-    anchor_of[index[anchoring]] = anchoring
-    anchored = anchor_of[index]
-    return points[np.where(anchored >= 0, anchored, np.arange(len(points)))]
-
-
-def _offset(center: ArrayLike, anchor: ArrayLike) -> tuple[Floats, Floats]:
-    where = frozen(center, (None, 3), np.float64, "center")
-    return where, frozen(anchor, where.shape, np.float64, "anchor") - where
-
-
-def _grouped(center: ArrayLike, group: ArrayLike) -> tuple[Floats, Ints]:
-    points = frozen(center, (None, 3), np.float64, "center")
-    return points, frozen(group, (len(points),), np.int64, "group")
+    anchoring = np.flatnonzero(agent == source)
+    anchor_of = np.full(group.max(initial=-1) + 1, -1)
+    anchor_of[group[anchoring]] = anchoring
+    anchored = anchor_of[group]
+    return center[np.where(anchored >= 0, anchored, np.arange(len(center)))]
 
 
 def _graph(edges: Ints, count: int) -> csr_array:

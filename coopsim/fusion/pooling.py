@@ -13,7 +13,6 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_3d
 from coopsim.geometry.nms import suppress
 from coopsim.geometry.se3 import Floats
-from coopsim.support.checks import require_choice, require_threshold
 from coopsim.support.kernels import njit
 from coopsim.types import Detections, Ints, Mask
 from coopsim.types.embedding import normalize_embeddings
@@ -47,13 +46,7 @@ def merge_duplicates(detections: Detections, iou_threshold: float, merge: str = 
 
     Returns:
         The merged detections, best score first. Boxes that are not finite are left out.
-
-    Raises:
-        InvalidValueError: the threshold is not in (0, 1].
-        UnknownNameError: `merge` is not one of `MERGES`.
     """
-    require_choice("merge", merge, MERGES)
-    require_threshold(iou_threshold=iou_threshold)
     boxes, score = detections.boxes.array, detections.score
     order, kept, number = suppress(boxes, score, detections.label, iou_threshold)
     return _merged(detections, order, kept, number, merge)
@@ -72,11 +65,7 @@ def merge_matched(groups: Sequence[Detections], iou_threshold: float) -> Detecti
 
     Returns:
         The merged detections, best score first. Boxes that are not finite are left out.
-
-    Raises:
-        InvalidValueError: the threshold is not in (0, 1].
     """
-    require_threshold(iou_threshold=iou_threshold)
     joined = DetectionGroups.of(groups)
     finite = np.isfinite(joined.joined.boxes.array).all(axis=1) & np.isfinite(joined.joined.score)
     detections, owner = pool(groups)[finite], joined.group[finite]

@@ -13,9 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
-from coopsim.support.checks import require_count
 from coopsim.types import BevGrid
 
 Float32s = NDArray[np.float32]
@@ -35,10 +33,6 @@ class Request:
     grid: BevGrid
     receiver_SE2_sender: Floats
 
-    def __post_init__(self) -> None:
-        if self.values.shape != self.grid.shape:
-            raise InvalidValueError(f"values must have the grid's shape {self.grid.shape}, got {self.values.shape}")
-
 
 def request_map(confidence: Float32s, grid: BevGrid, factor: int = 8) -> tuple[Float32s, BevGrid]:
     """Return a receiver's request: 1 - confidence, of the surest cell of each block of cells.
@@ -48,13 +42,7 @@ def request_map(confidence: Float32s, grid: BevGrid, factor: int = 8) -> tuple[F
 
     The confidence (H, W) is in [0, 1], of the receiver's own cells; `factor` is the edge of a block in cells. Return
     the requests (H / factor, W / factor), and their grid.
-
-    Raises:
-        InvalidValueError: `factor` does not divide H and W, or the shape is not the grid's.
     """
-    if confidence.shape != grid.shape:
-        raise InvalidValueError(f"confidence must have the grid's shape {grid.shape}, got {confidence.shape}")
-    require_count(1, factor=factor)
     coarse = grid.coarser(factor)
     rows, columns = coarse.shape
     surest = confidence.reshape(rows, factor, columns, factor).max(axis=(1, 3))
@@ -66,12 +54,7 @@ def selection_weight(confidence: Float32s, grid: BevGrid, requests: Sequence[Req
 
     A receiver asks for all that lies beyond its requests' grid. Without any request all places count alike. The
     confidence (H, W) in [0, 1] is of the sender's own cells.
-
-    Raises:
-        InvalidValueError: the shape is not the grid's.
     """
-    if confidence.shape != grid.shape:
-        raise InvalidValueError(f"confidence must have the grid's shape {grid.shape}, got {confidence.shape}")
     if not requests:
         return confidence.astype(np.float32)
     centers = grid.cell_centers()

@@ -14,7 +14,7 @@ from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import giou_bev
 from coopsim.geometry.se3 import Floats, wrap_angle
-from coopsim.support.arrays import frozen, require_finite
+from coopsim.support.arrays import require_finite
 from coopsim.support.kernels import njit
 from coopsim.types import Ints, Tracks
 from coopsim.types.track_estimates import TrackEstimates
@@ -82,20 +82,15 @@ def covariance_intersection(
     (N, n) and covariances (N, n, n); the result is c, P, and w (N,), the weight of the first, in [0, 1].
 
     Raises:
-        InvalidValueError: the shapes differ, or a covariance is not finite and positive definite.
+        InvalidValueError: a covariance is not finite and positive definite.
     """
-    a = frozen(first, (None, None), np.float64, "first mean")
-    b = frozen(second, a.shape, np.float64, "second mean")
-    A, B = (
-        frozen(covariance, (*a.shape, a.shape[1]), np.float64, f"{which} covariance")
-        for which, covariance in (("first", first_covariance), ("second", second_covariance))
-    )
-    weight = intersection_weight(A, B)
+    weight = intersection_weight(first_covariance, second_covariance)
     first_weight = weight[:, None, None]
-    information_a, information_b = first_weight * np.linalg.inv(A), (1 - first_weight) * np.linalg.inv(B)
+    information_a = first_weight * np.linalg.inv(first_covariance)
+    information_b = (1 - first_weight) * np.linalg.inv(second_covariance)
     covariance = np.linalg.inv(information_a + information_b)
     covariance = (covariance + covariance.transpose(0, 2, 1)) / 2
-    weighted = information_a @ a[:, :, None] + information_b @ b[:, :, None]
+    weighted = information_a @ first[:, :, None] + information_b @ second[:, :, None]
     return (covariance @ weighted)[:, :, 0], covariance, weight
 
 

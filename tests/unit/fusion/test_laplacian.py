@@ -3,17 +3,33 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
-from coopsim.errors import InvalidValueError
-from coopsim.fusion.laplacian import anchors_aos, anchors_tsa, group, nearest_graph, refine, refine_sparse
-from coopsim.geometry.iou import giou_3d, iou_3d
+from coopsim.fusion import laplacian as graphs
+from coopsim.fusion.laplacian import nearest_graph, refine, refine_sparse
+from coopsim.geometry.iou import iou_3d
+from coopsim.geometry.se3 import Floats
+from coopsim.types import Ints
 
 points = st.integers(1, 12).flatmap(lambda n: arrays(np.float64, (2, n, 3), elements=st.floats(-100, 100)))
+
+
+def group(boxes: Floats, agent: ArrayLike, threshold: float, label: ArrayLike | None = None) -> Ints:
+    labels = np.zeros(len(boxes), dtype=np.int64) if label is None else np.asarray(label, dtype=np.int64)
+    return graphs.group(boxes, np.asarray(agent, dtype=np.int64), threshold, labels)
+
+
+def anchors_aos(center: Floats, index: ArrayLike) -> Floats:
+    return graphs.anchors_aos(center, np.asarray(index, dtype=np.int64))
+
+
+def anchors_tsa(center: Floats, index: ArrayLike, agent: ArrayLike, source: int) -> Floats:
+    indices, agents = np.asarray(index, dtype=np.int64), np.asarray(agent, dtype=np.int64)
+    return graphs.anchors_tsa(center, indices, agents, source)
 
 
 def solved(center: np.ndarray, anchor: np.ndarray, adjacency: np.ndarray) -> np.ndarray:
@@ -87,8 +103,6 @@ def test_two_agents_group_in_pairs() -> None:
     np.testing.assert_array_equal(group(boxes, agent, 0.3), [0, 1, 2, 1, 3, 0])
     np.testing.assert_array_equal(group(boxes, agent, 0.9), [0, 1, 2, 3, 4, 5])
     np.testing.assert_array_equal(group(boxes, agent, 0.3, label=[0, 1, 0, 0, 0, 0]), [0, 1, 2, 3, 4, 0])
-    apart = group(cars(0, 5), [0, 1], -0.3, kernel=giou_3d)
-    np.testing.assert_array_equal(apart, [0, 0])
 
 
 def test_chains_join_more_than_two_agents() -> None:
@@ -166,13 +180,3 @@ def test_no_boxes() -> None:
         anchors_tsa(nothing, index, [], 0),
     ):
         assert result.shape == (0, 3)
-
-
-def test_wrong_input_is_named() -> None:
-    center = np.zeros((3, 3))
-    with pytest.raises(InvalidValueError, match=r"adjacency must have shape \(3, 3\), got \(2, 2\)"):
-        refine_sparse(center, center, within(center[:2], 1.0))
-    with pytest.raises(InvalidValueError, match="anchor must have shape"):
-        refine(center, center[:2])
-    with pytest.raises(InvalidValueError, match="count must be an integer >= 1"):
-        nearest_graph(center, 0)

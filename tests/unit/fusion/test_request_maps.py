@@ -59,7 +59,3 @@ def test_the_most_needy_receiver_counts_and_all_beyond_a_map_is_asked_for() -> N
 def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(InvalidValueError, match="factor must divide"):
         request_map(sure_at(), GRID, factor=5)
-    with pytest.raises(InvalidValueError, match="confidence must have"):
-        selection_weight(np.ones((3, 3), np.float32), GRID, [])
-    with pytest.raises(InvalidValueError, match="values must have"):
-        Request(np.ones((3, 3), np.float32), GRID, np.zeros(3))

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coopsim.errors import InvalidValueError
 from coopsim.fusion.box_fusion import trust_likelier
 from coopsim.fusion.fused_boxes import AWAY, SourceOdds, pair_features, probability_other, rows_of_agent
 from coopsim.geometry.boxes import Boxes3D
@@ -213,18 +212,6 @@ def test_nobody_and_nothing() -> None:
     assert fused() == fused(found(), found()) == []
     rubbish = Detections(Boxes3D.from_array([[np.nan, 0, 0, 4, 2, 1.5, 0]]), [0.9], [0])
     assert fused(rubbish, found((0, 0.5))) == [(0, 0.5)]
-
-
-@pytest.mark.parametrize("gate", [1.5, -1.5, float("nan")])
-def test_bad_settings(gate: float) -> None:
-    with pytest.raises(InvalidValueError, match="must be in"):
-        trust_likelier([], gate, BY_SCORE)
-
-
-@pytest.mark.parametrize("least_chance", [1.5, -0.1, float("nan")])
-def test_bad_chances(least_chance: float) -> None:
-    with pytest.raises(InvalidValueError, match="least_chance"):
-        trust_likelier([], 0.1, BY_SCORE, least_chance=least_chance)
 
 
 def test_covariance_and_embedding_go_with_the_likelier_box() -> None:
