@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from coopsim.geometry.se3 import Floats
-from coopsim.support.arrays import frozen, sealed
-from coopsim.support.checks import require_count
+from coopsim.support.arrays import sealed
 from coopsim.tracking.motion.constant_velocity import Beliefs
 from coopsim.types import Detections, Ints, Mask
 from coopsim.types.embedding import normalize_embeddings
@@ -107,7 +106,6 @@ class EmbeddingMemory:
     @classmethod
     def blank(cls, count: int, dim: int, window: int) -> EmbeddingMemory:
         """Return the memory of N tracks without embeddings, of length D and at most W of a track."""
-        require_count(1, window=window)
         none = np.zeros((count, window), dtype=np.bool_)
         return cls(np.zeros((count, window, dim), dtype=np.float32), none, np.full((count, window), _NEVER_NS))
 
@@ -156,11 +154,10 @@ class EmbeddingMemory:
             return np.full((len(found), self.dim), np.nan)
         return found.embedding
 
-    def begin(self, embeddings: ArrayLike, time_ns: int) -> EmbeddingMemory:
+    def begin(self, embeddings: Floats, time_ns: int) -> EmbeddingMemory:
         """Return the memory of M new tracks alone, with one embedding (M, D) each; `join` adds them."""
-        given = frozen(embeddings, (None, self.dim), np.float64, "embeddings")
-        fresh = EmbeddingMemory.blank(len(given), self.dim, self.window)
-        return fresh.update(np.arange(len(given)), given, time_ns)
+        fresh = EmbeddingMemory.blank(len(embeddings), self.dim, self.window)
+        return fresh.update(np.arange(len(embeddings)), embeddings, time_ns)
 
     def update(self, rows: Index, embeddings: ArrayLike, time_ns: int) -> EmbeddingMemory:
         """Return the memory with one more embedding (M, D) for M different tracks; a full one loses its oldest."""
@@ -184,9 +181,8 @@ class EmbeddingMemory:
 
     def join(self, other: EmbeddingMemory) -> EmbeddingMemory:
         """Return the memory of these tracks, then the other's; windows and lengths of embeddings must agree."""
-        added = frozen(other.vectors, (None, self.window, self.dim), np.float32, "vectors of the other memory")
         return EmbeddingMemory(
-            np.concatenate([self.vectors, added]),
+            np.concatenate([self.vectors, other.vectors]),
             np.concatenate([self.valid, other.valid]),
             np.concatenate([self.time_ns, other.time_ns]),
         )

@@ -131,7 +131,3 @@ def test_wrong_shapes_are_refused() -> None:
         memory.similarity([[1.0, 2.0, 3.0]])
     with pytest.raises(InvalidValueError, match=r"embeddings must have shape \(1, 2\), got \(2, 2\)"):
         memory.update(np.array([0]), [EAST, EAST], 1)
-    with pytest.raises(InvalidValueError, match=r"vectors of the other memory must have shape"):
-        memory.join(EmbeddingMemory.blank(0, 2, 7))
-    with pytest.raises(InvalidValueError, match="window must be an integer >= 1, got 0"):
-        EmbeddingMemory.blank(0, 2, 0)
