@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from coopsim.geometry.assignment import Assigner, Pairs, hungarian
+from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_finite_number
-from coopsim.tracking.affinity import Affinity, axial_xiou, half_giou, xiou
+from coopsim.tracking.affinity import Affinity, BoxAffinity, axial_xiou, half_giou, xiou
 from coopsim.tracking.track_states import TrackStates
 from coopsim.types import Detections, Ints, Mask
 
@@ -70,10 +71,9 @@ class Stage:
         """True if all tracks and detections take part."""
         return self.tracks is everything and self.detections is everything
 
-    def pairs(self, tracks: TrackStates, detections: Detections, classes: Pairs) -> Pairs:
-        """Return the pairs (K,), (K,) of tracks and detections, whose classes are (N,) and (M,)."""
-        same = classes[0][:, None] == classes[1]
-        return self.assigner(np.where(same, self.affinity(tracks, detections), -np.inf), self.gate)
+    def pairs(self, affinity: Floats, classes: Pairs) -> Pairs:
+        """Return the pairs (K,), (K,) of an affinity (N, M) of tracks and detections, of classes (N,) and (M,)."""
+        return self.assigner(np.where(classes[0][:, None] == classes[1], affinity, -np.inf), self.gate)
 
 
 class Cascade:
@@ -94,15 +94,22 @@ class Cascade:
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
         classes = self._class_of(tracks.label), self._class_of(detections.label)
         if len(self._stages) == 1 and self._stages[0].takes_all:
-            return self._stages[0].pairs(tracks, detections, classes)
+            return self._stages[0].pairs(self._stages[0].affinity(tracks, detections), classes)
         rows, columns = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+        known: dict[BoxAffinity, Floats] = {}  # of boxes: pair by pair, so once for all stages
         free_row, free_column = np.ones(len(tracks), dtype=np.bool_), np.ones(len(detections), dtype=np.bool_)
         for stage in self._stages:
             left = np.flatnonzero(free_row & stage.tracks(tracks))
             right = np.flatnonzero(free_column & stage.detections(detections))
             if not (len(left) and len(right)):
                 continue
-            row, column = stage.pairs(tracks[left], detections[right], (classes[0][left], classes[1][right]))
+            if isinstance(stage.affinity, BoxAffinity):
+                if stage.affinity not in known:
+                    known[stage.affinity] = stage.affinity(tracks, detections)
+                affinity = known[stage.affinity][np.ix_(left, right)]
+            else:
+                affinity = stage.affinity(tracks[left], detections[right])
+            row, column = stage.pairs(affinity, (classes[0][left], classes[1][right]))
             rows.append(left[row])
             columns.append(right[column])
             free_row[left[row]] = free_column[right[column]] = False
