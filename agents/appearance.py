@@ -76,7 +76,7 @@ class YolooGeometry(PooledBoxes):
         return Tracker(ConstantVelocity(), Cascade([Stage(fgam, greedy, gate=0.0)]), HitsAndAge(self.hits, self.age))
 
 
-_WITH_LOOKS, _WITHOUT = "pairs compared by looks and geometry", "pairs compared by geometry alone"
+_WITH_EMBEDDINGS, _WITHOUT = "pairs compared by looks and geometry", "pairs compared by geometry alone"
 """Names of what is counted."""
 
 
@@ -121,14 +121,14 @@ class Yoloo(DescribedBoxes, YolooGeometry):
         return Tracker(ConstantVelocity(), Cascade([cost]), HitsAndAge(self.hits, self.age), appearance=LastEmbedding())
 
     def _count(self, with_looks: int, without: int) -> None:
-        self.counts[_WITH_LOOKS] += with_looks
+        self.counts[_WITH_EMBEDDINGS] += with_looks
         self.counts[_WITHOUT] += without
 
 
 NIMBLE = Superclass.PEDESTRIAN.classes
 """Classes that turn at will: people, on foot or on two wheels."""
 
-_WITH, _WITHOUT = "boxes tracked with an embedding", "boxes tracked by geometry alone"
+_EMBEDDED, _NOT_EMBEDDED = "boxes tracked with an embedding", "boxes tracked by geometry alone"
 """Names of what is counted."""
 
 _GATES = {"iou_3d": ("in (0, 1]", lambda gate: 0 < gate <= 1), "giou_3d": ("in [-1, 1]", lambda gate: -1 <= gate <= 1)}
@@ -214,8 +214,8 @@ class DinoCoDTTracking(DescribedBoxes):
         fused = super().fuse(groups)
         for each in fused:
             known = 0 if each.embedding is None else int(normalize_embeddings(each.embedding)[1].sum())
-            self.counts[_WITH] += known
-            self.counts[_WITHOUT] += len(each) - known
+            self.counts[_EMBEDDED] += known
+            self.counts[_NOT_EMBEDDED] += len(each) - known
         return fused
 
     def make_tracker(self) -> TrackersByClass:

@@ -48,7 +48,7 @@ def _layers(inputs: int, width: int) -> nn.Sequential:
     return nn.Sequential(*layers)
 
 
-_FAR_M, _HIGH_M, _FAST_M_S, _LOGIT, _FRAMES = 50.0, 2.0, 10.0, 4.0, 4.0
+_FAR_M, _HIGH_M, _LOGIT, _FRAMES = 50.0, 2.0, 4.0, 4.0
 _NUMBERS = 12
 
 
