@@ -12,7 +12,7 @@ import numpy as np
 from coopsim.agents.boxes import PooledBoxes
 from coopsim.agents.policy import Needs
 from coopsim.catalog import POLICIES
-from coopsim.comms.uplinks.share_embedded import EmbedOnce, ShareEmbedded
+from coopsim.comms.uplinks.share_detections import EmbedOnce, ShareEmbedded
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.geometry.assignment import Assigner, greedy, hungarian
 from coopsim.support.checks import require_choice, require_flag, require_number
@@ -25,7 +25,7 @@ from coopsim.tracking.motion.constant_velocity import ConstantVelocity, Motion
 from coopsim.tracking.motion.turning import ConstantTurnRateAcceleration
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import AgentSpec, Detections, Observation
-from coopsim.types.embedding import normalize_embeddings
+from coopsim.types.valid_detections import normalize_embeddings
 from coopsim.types.taxonomy import SUPERCLASS_NUMBERS, Superclass
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ class Yoloo(DescribedBoxes, YolooGeometry):
     def make_embedder(self) -> Embedder | None:
         if not self.appearance:
             return None
-        from coopsim.detection.point_identity import PointIdentity
+        from coopsim.detection.identity_embedders import PointIdentity
 
         return PointIdentity(self.weights)
 

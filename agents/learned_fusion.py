@@ -13,7 +13,7 @@ from coopsim.agents.perceiving_policy import PerceivingPolicy, Received
 from coopsim.agents.policy import Needs
 from coopsim.comms.envelope import decode_features
 from coopsim.comms.uplinks.once_per_frame import EncodeOnce
-from coopsim.comms.uplinks.share_maps import ShareMaps
+from coopsim.comms.uplinks.share_features import ShareMaps
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.geometry.se3 import SE3
 from coopsim.support.checks import require_choice

@@ -26,12 +26,12 @@ import numpy as np
 from coopsim.comms.decode_once import DecodeOnce
 from coopsim.comms.uplinks.uplink import Uplink, named_uplink
 from coopsim.errors import CodecError, EpisodeStateError, InvalidActionError, InvalidValueError, PolicyMismatchError
-from coopsim.sensors.camera.rig_names import rig_camera_names
+from coopsim.sensors.camera.camera import rig_camera_names
 from coopsim.support.checks import require_choice, require_flag
 from coopsim.support.methods import is_newer
 from coopsim.support.rng import stream
 from coopsim.types import AgentSpec, Message, Observation, Tracks
-from coopsim.types.maneuvers import IDLE
+from coopsim.types.messages import IDLE
 from coopsim.wire.actions import pack_tracks
 from coopsim.wire.observation_format import ObservationFormat
 
@@ -46,7 +46,7 @@ class Needs:
         uplink: the content that agents must broadcast: "detections", "tracks", "points", ...; "none" for a policy that
             reads no message.
         lidar: the policy reads LiDAR sweeps.
-        cameras: name of the rig whose cameras every agent must have (see `coopsim.sensors.camera.rigs`), True for
+        cameras: name of the rig whose cameras every agent must have (see `coopsim.sensors.camera.camera`), True for
             "surround"; False: the policy reads no image, and none is rendered for it.
         any_rig: other cameras than those of `cameras` serve as well, if every agent has one.
         all_agents: every agent must have these sensors; without, those that have them are enough.

@@ -15,7 +15,7 @@ from coopsim.agents.policy import Needs
 from coopsim.catalog import POLICIES
 from coopsim.comms.envelope import decode_queries
 from coopsim.comms.uplinks.once_per_frame import EncodeOnce, StepOnce
-from coopsim.comms.uplinks.share_instances import ShareInstances
+from coopsim.comms.uplinks.share_features import ShareInstances
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.geometry.se3 import SE3
 from coopsim.localization.odometry import OdometryFrame

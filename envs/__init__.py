@@ -23,7 +23,7 @@ from coopsim.envs.simulated.simulation import Simulation
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.support.checks import require_choice
-from coopsim.types.maneuvers import IDLE, MANEUVERS
+from coopsim.types.messages import IDLE, MANEUVERS
 from coopsim.world.population import Population, drop_overridden
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import played_scenarios

@@ -9,9 +9,8 @@ from operator import attrgetter
 from coopsim.comms.channel.channel import Channel
 from coopsim.comms.codecs.codec import CODECS
 from coopsim.comms.decode_once import DecodeOnce
-from coopsim.comms.radio.obstruction import Surroundings
-from coopsim.comms.uplinks.budget import WithinBudget
-from coopsim.comms.uplinks.selection import SELECTIONS, Selection
+from coopsim.comms.radio.obstruction import RadioScene
+from coopsim.comms.uplinks.budget import SELECTIONS, Selection, WithinBudget
 from coopsim.comms.uplinks.uplink import ContentUplink, Uplink, uplink_factory
 from coopsim.config.spec import parse_spec
 from coopsim.envs.frames import Frame
@@ -38,7 +37,7 @@ class Exchange:
         positions = {name: body.world_SE3_base.translation for name, body in bodies.items()}
         around = None
         if self._buildings is not None:
-            around = Surroundings.of(bodies, frame.actors, self._buildings)
+            around = RadioScene.of(bodies, frame.actors, self._buildings)
         self.channel.send(self._messages(frame), frame.time_ns, positions, around)
         arrived = self.channel.deliver(frame.time_ns)
         received = {

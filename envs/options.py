@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from coopsim.comms.channel.channel_config import ChannelConfig, channel_config
 from coopsim.comms.channel.latency import MOST_S, GaussianLatency
 from coopsim.comms.channel.loss import BernoulliLoss
-from coopsim.comms.uplinks.selection import SELECTIONS
+from coopsim.comms.uplinks.budget import SELECTIONS
 from coopsim.comms.uplinks.uplink import MakeUplink
 from coopsim.detection.detector import Detector, DetectorBase
 from coopsim.detection.embedder import Embedder, make_embedder
@@ -59,7 +59,7 @@ class CommonOptions:
         budget_bytes: largest size of a message, envelope included; None: no limit. The uplink's codec must be able to
             leave out the least useful part.
         selection: order in which detections are sent where not all fit: "need", "score" or "random", see
-            `coopsim.comms.uplinks.selection`.
+            `coopsim.comms.uplinks.budget`.
         match_iou: 3D IoU from which a track is on an object, in (0, 1].
         false_positives: "count", or "ignore" for comparison with tables that ignored them.
         expose_ground_truth: put the truth into `infos`, for training and export.

@@ -32,7 +32,7 @@ from coopsim.metrics.track_log import TrackLog
 from coopsim.support.checks import require_choice, require_instance
 from coopsim.support.rng import require_seed
 from coopsim.types import NS_PER_S, AgentSpec, CameraImage
-from coopsim.types.maneuvers import IDLE
+from coopsim.types.messages import IDLE
 from coopsim.viz.bev import BevFrame
 from coopsim.wire.actions import action_space, unpack_actions
 from coopsim.world.snapshot import RoadMap

@@ -21,7 +21,7 @@ from coopsim.envs.options import PerceptionOptions
 from coopsim.envs.simulated.perception import Perception, observation_format
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.geometry.se3 import SE3
-from coopsim.sensors.camera.rig_names import rig_camera_names
+from coopsim.sensors.camera.camera import rig_camera_names
 from coopsim.support.checks import require_choice, require_count, require_frame_time
 from coopsim.types import AgentSpec, CameraImage, LidarMounting, Sweep, seconds_to_ns
 from coopsim.types.messages import AGENT_KINDS

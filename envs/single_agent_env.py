@@ -18,7 +18,7 @@ from coopsim.errors import CoopsimError, EpisodeStateError, InvalidValueError
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import derived_seed, require_seed
 from coopsim.types import Tracks
-from coopsim.types.maneuvers import IDLE, MANEUVERS
+from coopsim.types.messages import IDLE, MANEUVERS
 from coopsim.wire.actions import pack_tracks
 
 Packed = dict[str, Any]

@@ -20,7 +20,7 @@ from coopsim.detection.presets import make_detector
 from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
-from coopsim.sensors.lidar.expected_returns import LineOfSight
+from coopsim.sensors.lidar.expected_returns import ReturnsEstimator
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.types import AgentSpec, Detections, Ints, Mask, SensorView, Tracks
 from coopsim.wire.actions import pack_tracks
@@ -110,7 +110,7 @@ def read_matches(folder: Path, without: Sequence[str]) -> dict[str, Matches]:
     labelled boxes occluding each other on a flat road; the other car's objects have the same returns.
     """
     lidar = LidarConfig()
-    sight = LineOfSight([], lidar.beams, lidar.columns, lidar.max_range_m)
+    sight = ReturnsEstimator([], lidar.beams, lidar.columns, lidar.max_range_m)
     origin = np.array([0.0, 0.0, SENSOR_M])
     recordings, matches = RecordingSet(folder), {name: Matches() for name in AGENTS}
     for episode, sequence in enumerate(each for each in recordings.sequences if each not in without):
@@ -119,7 +119,7 @@ def read_matches(folder: Path, without: Sequence[str]) -> dict[str, Matches]:
             boxes = in_car_axes(truth.boxes)
             other = np.linalg.norm(boxes.center[:, :2], axis=1) > OWN_M
             boxes, ids = boxes[other], truth.id[other]
-            returns = sight.expected_returns(origin, _standing(boxes), None)
+            returns = sight.expected_returns(origin[None], _standing(boxes), [None])[0]
             for name, detections in recording.detections.items():
                 found = detections[frame]
                 found = Detections(in_car_axes(found.boxes), found.score, found.label)

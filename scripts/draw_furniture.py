@@ -19,7 +19,7 @@ from coopsim.sensors.camera.camera import Camera
 from coopsim.sensors.camera.daylight import DAYLIGHTS, Illumination
 from coopsim.sensors.camera.intrinsics import Intrinsics
 from coopsim.sensors.camera.picture import FramePainter
-from coopsim.sensors.camera.renderers.raycast_renderer import RaycastRenderer
+from coopsim.sensors.camera.renderers import RaycastRenderer
 from coopsim.sensors.scene import static_triangles
 from coopsim.viz.portrait import contact_sheet
 from coopsim.world.furniture.furnish import furnishing_parts

@@ -22,7 +22,7 @@ from tqdm import tqdm
 import coopsim
 from coopsim.sensors.camera.camera import Camera
 from coopsim.sensors.camera.intrinsics import Intrinsics
-from coopsim.viz.overhead import draw_overhead
+from coopsim.viz.portrait import draw_overhead
 from coopsim.viz.point_picture import draw_points
 from coopsim.viz.portrait import contact_sheet
 from coopsim.world.towns.options import PlaceSeeds, TownOptions

@@ -1,4 +1,4 @@
-"""Measure how often PointRCNN confuses classes on KITTI, for `coopsim.detection.simulated.confusion`.
+"""Measure how often PointRCNN confuses classes on KITTI, for `coopsim.detection.simulated.curves`.
 
     python scripts/measure_confusion.py DATA [--score 0]
 

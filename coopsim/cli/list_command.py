@@ -27,7 +27,7 @@ def _run_list(options: argparse.Namespace) -> int:
     from coopsim.detection.embedder import EMBEDDERS
     from coopsim.learn.recipe import RECIPES
     from coopsim.metrics.metric import METRICS
-    from coopsim.sensors.camera.rig_names import RIG_NAMES
+    from coopsim.sensors.camera.camera import RIG_NAMES
 
     listed = {
         "policies": [_with_aliases(coopsim.POLICIES, name) for name in coopsim.POLICIES],

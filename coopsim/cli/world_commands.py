@@ -63,7 +63,7 @@ def _add_town(parser: argparse.ArgumentParser) -> None:
 
 
 def _run_town(options: argparse.Namespace) -> int:
-    from coopsim.viz.town_picture import require_picture, write_picture
+    from coopsim.viz.portrait import require_picture, write_picture
     from coopsim.world.towns.options import TownOptions
     from coopsim.world.towns.scenarios import draw_town, write_town
 

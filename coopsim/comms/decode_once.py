@@ -18,14 +18,11 @@ _OVERHEAD_BYTES = 1000
 
 
 class DecodeOnce:
-    """A memory of decoded messages: a broadcast is decoded for its first receiver, and looked up for the others.
+    """Memory of decoded messages: a broadcast is decoded for its first receiver, and looked up for the others.
 
     Delayed and duplicated messages are looked up, too, while they are remembered. All receivers get the same object:
-    treat it as read-only, as arrays in coopsim's own types are.
-
-    Args:
-        most_bytes: the most memory of payloads and contents together. Beyond it, the least recently used are forgotten.
-        most_messages: the most messages that are remembered, however small they are: seconds of many agents, not hours.
+    treat it as read-only, as arrays in coopsim's own types are. Beyond `most_bytes` of payloads and contents together,
+    or `most_messages`, the least recently used are forgotten.
     """
 
     def __init__(self, most_bytes: int = 128 * 2**20, most_messages: int = 4096) -> None:
@@ -34,15 +31,7 @@ class DecodeOnce:
         self._known: OrderedDict[Hashable, tuple[Any, str | None, int]] = OrderedDict()
 
     def __call__(self, message: Message, decode: Callable[[Message], T]) -> T:
-        """Return the content of a message.
-
-        Args:
-            message: the message.
-            decode: reads it, a pure function, as `coopsim.comms.envelope.decode_detections`.
-
-        Raises:
-            CodecError: the message cannot be read; that, too, is remembered.
-        """
+        """Return the content of a message by `decode`, a pure function; a `CodecError` is remembered, too."""
         key = decode, message.identity
         known = self._known.get(key)
         if known is None:

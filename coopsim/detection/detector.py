@@ -24,7 +24,7 @@ Rng = np.random.Generator
 
 @dataclass(frozen=True, slots=True)
 class SensorNeeds:
-    """The sensors that a detector or an embedder cannot do without.
+    """Sensors that a detector or an embedder cannot do without.
 
     Attributes:
         lidar: it reads sweeps.
@@ -35,16 +35,13 @@ class SensorNeeds:
     cameras: bool = False
 
     def require(self, option: str, value: object, *, lidar: bool, cameras: bool) -> None:
-        """Check that an environment has these sensors.
+        """Raise `InvalidValueError` unless an environment's agents have these sensors.
 
         Args:
             option: name of the option that the needs come from, for the message.
             value: its value, an object whose class the message names.
-            lidar: whether agents have LiDARs.
-            cameras: whether agents have cameras.
-
-        Raises:
-            InvalidValueError: they have not.
+            lidar: flag of agents that have LiDARs.
+            cameras: flag of agents that have cameras.
         """
         me = type(value).__name__
         if self.lidar and not lidar:
@@ -59,9 +56,9 @@ class DetectorBase:
     Attributes:
         needs: the sensors without which it cannot work; checked when an environment is made.
         embedding_dim: length of the embeddings in its detections; 0: they have none.
-        states_covariance: whether its detections have covariances.
-        calibration: name of what its scores and errors are like, by which policies choose weights that were learned
-            from such detections ("pillars"); None: as those of PointPillars on V2V4Real, or unknown.
+        states_covariance: flag of detections that have covariances.
+        calibration: name of the kind of its scores and errors, by which policies choose weights that were learned from
+            such detections ("pillars"); None: as those of PointPillars on V2V4Real, or unknown.
     """
 
     needs: ClassVar[SensorNeeds] = SensorNeeds()
@@ -70,11 +67,9 @@ class DetectorBase:
     calibration: str | None = None
 
     def begin(self, specs: Mapping[str, AgentSpec], seed: int) -> Self:
-        """Return the detector of one episode, for all agents: this one itself, unless it keeps state.
+        """Return the detector of one episode, for all agents by name: this one itself, unless it keeps state.
 
-        Args:
-            specs: the episode's agents, by name.
-            seed: derived from the episode's, which cannot be had from it; `OracleDetector`s get the episode's.
+        The seed is derived from the episode's, which cannot be had from it; `OracleDetector`s get the episode's.
         """
         return self
 

@@ -67,11 +67,6 @@ EMBEDDERS: Registry[Callable[..., Embedder]] = Registry(
 
 
 def make_embedder(spec: str) -> Embedder:
-    """Make an embedder by its name or spec, as `mine` or `mine(dim=32)`.
-
-    Raises:
-        UnknownNameError: no such embedder or parameter; the message lists the close ones.
-        InvalidValueError: the spec has another shape, or a value is not accepted.
-    """
+    """Make an embedder by its name or spec, such as `mine` or `mine(dim=32)`."""
     name, parameters = parse_spec("embedder", spec)
     return instantiate("embedder", name, EMBEDDERS.get(name), parameters)

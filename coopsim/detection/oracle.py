@@ -18,7 +18,7 @@ from coopsim.world.snapshot import Actors
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Oracle:
-    """The truth around one agent in one frame. Only `OracleDetector`s are given it.
+    """Truth around one agent in one frame. Only `OracleDetector`s are given it.
 
     Attributes:
         actors: all N actors but the agent itself, in its base frame.
@@ -33,11 +33,11 @@ class Oracle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Oracles(Mapping[str, Oracle]):
-    """The truth around each of A agents in one frame: a mapping, stored as rows, one agent's after another's.
+    """Truth around each of A agents in one frame: a mapping, stored as rows, one agent's after another's.
 
     Attributes:
         agents: A names.
-        start: (A + 1,) where each agent's rows begin; the last is K.
+        start: (A + 1,) first row of each agent; the last is K.
         actors: K rows, each in the base frame of its agent; an actor has a row for each agent but itself.
         returns: (K,) number of LiDAR returns that the row's agent has from the actor.
         world_SE3_base: the agents' true poses.
@@ -53,12 +53,7 @@ class Oracles(Mapping[str, Oracle]):
 
     @classmethod
     def of(cls, oracles: Mapping[str, Oracle], agents: Iterable[str] | None = None) -> Self:
-        """Return the same truth as rows.
-
-        Args:
-            oracles: by agent, at least one.
-            agents: names of those that are wanted, at least one; None: all.
-        """
+        """Return the same truth as rows, of these agents, at least one; None: of all."""
         names = tuple(oracles if agents is None else agents)
         if isinstance(oracles, cls) and names == oracles.agents:
             return oracles
@@ -119,16 +114,7 @@ class OracleDetector(DetectorBase, ABC):
 
 
 def split_by_agent(detections: Detections, agents: Sequence[str], owner: Ints) -> dict[str, Detections]:
-    """Split detections by agent.
-
-    Args:
-        detections: N of all agents, in any order.
-        agents: A names.
-        owner: (N,) which of the agents each detection is of.
-
-    Returns:
-        Each agent's detections, in the same order among themselves.
-    """
+    """Split N detections of all agents, whose numbers are `owner` (N,), by agent; each agent's keep their order."""
     ordered = detections[np.argsort(owner, kind="stable")]
     end = np.cumsum(np.bincount(owner, minlength=len(agents))).tolist()
     return {agent: ordered[begin:stop] for agent, begin, stop in zip(agents, [0, *end], end, strict=False)}

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,10 +10,8 @@ from typing import Any
 from coopsim.config.load import load, read_mapping
 from coopsim.config.spec import instantiate, parse_spec
 from coopsim.detection import (  # noqa: F401  (they register themselves)
-    camera_detectors,
-    picture_identity,
-    pillars_detector,
-    point_identity,
+    identity_embedders,
+    network_detectors,
 )
 from coopsim.detection.detector import DETECTORS, DetectorBase
 from coopsim.detection.simulated.correlated import CorrelatedDetector, CorrelatedDetectorConfig
@@ -29,7 +26,7 @@ DEFAULT_DETECTOR = "pointpillars_v2v4real"
 
 
 def make_detector(spec: str) -> DetectorBase:
-    """Make a detector by its name or spec, as `simulated` or `simulated(max_recall=0.9)`.
+    """Make a detector by its name or spec, such as `simulated` or `simulated(max_recall=0.9)`.
 
     The parameters of the simulated detectors are the fields of their configurations.
 
@@ -54,29 +51,10 @@ def preset(name: str) -> CorrelatedDetectorConfig:
 
 
 def read_config(path: Path) -> CorrelatedDetectorConfig:
-    """Read a configuration from a YAML file, whose keys are the fields of `CorrelatedDetectorConfig` and its parts.
-
-    Raises:
-        InvalidValueError: the file cannot be read, or a value is not accepted or missing.
-        UnknownNameError: a key is not a field.
-    """
+    """Read a configuration from a YAML file, whose keys are the fields of `CorrelatedDetectorConfig` and its parts."""
     content = read_mapping("detector", "a CorrelatedDetectorConfig", path)
     config: CorrelatedDetectorConfig = load(CorrelatedDetectorConfig, content, "detector")
     return config
-
-
-def to_yaml(config: CorrelatedDetectorConfig) -> str:
-    """Write a configuration as YAML text for `read_config`."""
-    import yaml
-
-    text: str = yaml.safe_dump(_plain(asdict(config)), default_flow_style=None, sort_keys=False, width=120)
-    return text
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {name: _plain(part) for name, part in value.items()}
-    return [_plain(part) for part in value] if isinstance(value, tuple) else value
 
 
 def _make_simulated(**parameters: Any) -> DetectorBase:

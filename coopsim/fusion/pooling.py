@@ -15,7 +15,7 @@ from coopsim.geometry.nms import suppress
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Detections, Ints, Mask
-from coopsim.types.embedding import normalize_embeddings
+from coopsim.types.valid_detections import normalize_embeddings
 from coopsim.types.groups import DetectionGroups
 
 _LEAST_WEIGHT = 1e-6

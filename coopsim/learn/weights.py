@@ -30,7 +30,7 @@ from coopsim.nn.identity.picture_identity_net import PictureIdentityConfig, Pict
 from coopsim.nn.identity.point_encoder import PointIdentityConfig, PointIdentityNet
 from coopsim.nn.integrated.integrated_net import IntegratedConfig, IntegratedNet
 from coopsim.nn.queries.query_net import QueryConfig, QueryNet
-from coopsim.support.weights_watch import note_weights
+from coopsim.support.precision import note_weights
 from coopsim.types.taxonomy import CLASS_NAMES
 
 SUFFIX = ".safetensors"

@@ -13,8 +13,7 @@ from coopsim.metrics.track_log import TrackLog
 from coopsim.support.arrays import frozen, sealed
 from coopsim.support.kernels import njit
 from coopsim.types import GroundTruth, Ints, Mask, Tracks
-from coopsim.types.soundness import are_sound
-from coopsim.types.taxonomy import CLASS_NAMES, SUPERCLASS_NUMBERS
+from coopsim.types.taxonomy import CLASS_NAMES, SUPERCLASS_NUMBERS, are_sound
 
 
 @dataclass(frozen=True, slots=True)

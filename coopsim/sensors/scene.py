@@ -1,11 +1,11 @@
-"""The world as triangles, frame by frame, with no work per actor."""
+"""The world as triangles, frame by frame, with no work per actor, and ray casting against them by Intel's Embree."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import NamedTuple
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +24,12 @@ _CARBON_BLACK_BELOW, _BLACK_SHARE = 0.4, 0.1
 
 
 class Parts(NamedTuple):
-    """Faces and vertices that belong together: P consecutive runs of both.
+    """Runs of faces and vertices that belong together, P of both.
 
     Attributes:
-        face_start: (P + 1,) int, first face of each part and, last, the number of faces.
-        vertex_start: (P + 1,) int, the same of vertices.
-        closed: (P,) bool: the part's surface encloses a volume, so its inner side cannot be seen from outside.
+        face_start: (P + 1,) first face of each part and, last, the number of faces.
+        vertex_start: (P + 1,) first vertex of each part, likewise.
+        closed: (P,) the part's surface encloses a volume, so its inner side cannot be seen from outside.
     """
 
     face_start: Ints
@@ -39,15 +39,15 @@ class Parts(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Triangles:
-    """A scene in the world frame.
+    """Triangles of a scene in the world frame.
 
     Attributes:
         vertices: (V, 3) m.
         faces: (F, 3) int.
-        instance: (F,) id of the actor a face belongs to, `STATIC_ID` for scenery.
+        instance: (F,) id of the actor, `STATIC_ID` for scenery.
         reflectivity: (F,) in [0, 1], of retro-reflectors above.
         color: (F, 3) uint8.
-        parts: faces and vertices that belong together; None: unknown.
+        parts: None: unknown.
         velocity: (P, 2) m/s of the parts over ground; None: unknown.
     """
 
@@ -81,14 +81,10 @@ class Triangles:
 
 
 class SceneGeometry:
-    """Makes each frame's triangles from the actors' models and the static parts.
+    """Triangles of each frame, from the models of actors and the static parts.
 
     The assignment of vertices to actors is kept until the actors change. A frame then is one look-up of each model's
-    pose, one rotation and one translation of all vertices together.
-
-    Args:
-        models: list that actors' `model` is an index into.
-        static: the scenery.
+    pose, one rotation and one translation of all vertices together. Actors' `model` is an index into `models`.
     """
 
     def __init__(self, models: Sequence[Model], static: Sequence[StaticPart]) -> None:
@@ -206,3 +202,52 @@ def is_closed(vertices: Floats, faces: Ints) -> bool:
         return False
     a, b, c = (vertices[faces[:, k]] - vertices[0] for k in range(3))
     return bool(np.einsum("ij,ij->", a, np.cross(b, c)) > 0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RayHits:
+    """First hits of R rays: range (R,), inf for none, and index of the face (R,), -1 for none."""
+
+    range_m: NDArray[np.float32]
+    face: Ints
+
+
+class RayScene:
+    """Triangles of a frame in the world frame, shared by all sensors.
+
+    Normals and Embree's scene are made when first asked for: the grid's sweeps (`coopsim.sensors.lidar.ray_grid`) do
+    without.
+    """
+
+    def __init__(self, triangles: Triangles) -> None:
+        self.triangles = triangles
+
+    @cached_property
+    def normals(self) -> Floats:
+        """Outward unit normals, (F, 3)."""
+        return self.triangles.normals
+
+    @cached_property
+    def _origin(self) -> Floats:
+        """Origin of embree's coordinates, whose float32 would be off by centimetres at kilometres from it."""
+        return self.triangles.middle_m
+
+    @cached_property
+    def _embree(self) -> tuple[Any, Any]:
+        """The scene, and its mesh, which must live as long."""
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+
+        scene = EmbreeScene(robust=True)  # otherwise rays slip through between faces that share an edge
+        local = np.ascontiguousarray(self.triangles.vertices - self._origin, dtype=np.float32)
+        return scene, TriangleMesh(scene, local, np.ascontiguousarray(self.triangles.faces, dtype=np.int32))
+
+    def cast(self, origin_m: Floats, directions: NDArray[np.floating]) -> RayHits:
+        """Cast rays along unit vectors (R, 3) from one origin (3,), or one each (R, 3), in the world frame."""
+        rays = np.ascontiguousarray(directions, dtype=np.float32)
+        start = np.asarray(origin_m - self._origin, dtype=np.float32)
+        scene, _ = self._embree
+        found = scene.run(np.ascontiguousarray(np.broadcast_to(start, rays.shape)), rays, output=True)
+        face = np.asarray(found["primID"], dtype=np.int64)
+        range_m = np.where(face >= 0, found["tfar"], np.inf).astype(np.float32)
+        return RayHits(range_m, face)

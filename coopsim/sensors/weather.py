@@ -69,21 +69,15 @@ class Weather:
 
     @property
     def has_clutter(self) -> bool:
-        """Whether the air itself returns echoes."""
+        """Flag of air that itself returns echoes."""
         return self.rain_mm_h > 0 or self.fog_visibility_m < np.inf
 
 
 class WeatherClutter:
-    """Echoes of rain and fog in a LiDAR.
+    """Echoes of rain and fog in a LiDAR, down to `least_energy`, where a white surface at `reference_range_m` has 1.
 
     Attributes:
         mean_drops: mean number of detectable drops in a beam that meets nothing else.
-
-    Args:
-        weather: rain and fog.
-        reference_range_m: range at which a white surface's energy is 1.
-        least_energy: least energy of a detectable echo of the air.
-        most_m: range of the sensor.
     """
 
     def __init__(self, weather: Weather, reference_range_m: float, least_energy: float, most_m: float) -> None:

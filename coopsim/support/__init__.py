@@ -1,1 +1,4 @@
-"""Ground that everything stands on: checked arrays and values, files, random streams, registries, threads."""
+"""Helpers without knowledge of cooperative perception: checks, arrays, random streams, registries, files, kernels.
+
+Every other room may import this one, and it imports none but `coopsim.errors`. Start with `checks.py` and `arrays.py`.
+"""

@@ -18,13 +18,7 @@ minutes, in gigabytes of memory, before the first one runs."""
 
 
 def require_number(accepted: str, accepts: Callable[[float], bool], **values: object) -> None:
-    """Require real numbers that `accepts` takes; None, a flag or a text is no number.
-
-    Args:
-        accepted: description of the accepted values, as "in [0, 1]".
-        accepts: the check; False for NaN, as every comparison is.
-        **values: the numbers, by the names that the user knows.
-    """
+    """Require real numbers that `accepts` takes, False for NaN; None, a flag or a text is no number."""
     for name, value in values.items():
         if not accepts(_as_float(value)):
             raise InvalidValueError(f"{name} must be {accepted}, got {value!r}")
@@ -94,11 +88,7 @@ def require_choice(name: str, value: object, accepted: Iterable[str], where: str
 
 
 def as_runs(**values: object) -> tuple[Any, ...]:
-    """Return the elements of an iterable that is given by name; of a huge range no more than `MOST_RUNS` are read.
-
-    Raises:
-        InvalidValueError: it has no elements in an order, none at all, or more than `MOST_RUNS`.
-    """
+    """Return the elements of an iterable that is given by name; raise unless they are ordered, and 1 to `MOST_RUNS`."""
     ((name, given),) = values.items()
     unordered = isinstance(given, (str, bytes, Mapping, Set))
     taken = tuple(itertools.islice(given, MOST_RUNS + 1)) if isinstance(given, Iterable) and not unordered else ()

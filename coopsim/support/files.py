@@ -33,11 +33,7 @@ def require_writable(path: Path) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and its parents, unless they exist.
-
-    Raises:
-        InvalidValueError: the folder cannot be made.
-    """
+    """Make a folder and its parents, unless they exist; raise `InvalidValueError` if that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -46,56 +42,45 @@ def make_folder(folder: Path) -> None:
         raise InvalidValueError(f"cannot make the folder {folder}: {why}") from error
 
 
+@contextmanager
+def _errors_told(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Raise `InvalidValueError` where the system cannot write a file."""
+    try:
+        yield
+    except OSError as error:
+        raise InvalidValueError(f"cannot write {path}: {error.strerror}") from error
+
+
 def write_whole(path: str | os.PathLike[str], text: str) -> Path:
     """Write a text file. If that is interrupted, the old file stays, and no temporary file is left.
 
-    A link is followed. A pipe or a device is written to directly. Returns `path`.
-
-    Raises:
-        InvalidValueError: the file cannot be written.
+    A link is followed. A pipe or a device is written to directly. Returns `path`; raises `InvalidValueError`, as all
+    here.
     """
     target = Path(path).resolve()
-    try:
+    with _errors_told(path):
         if _is_special(target):
             target.write_text(text, encoding="utf-8")
         else:
             _replace(target, text.encode())
-    except OSError as error:
-        raise InvalidValueError(f"cannot write {path}: {error.strerror}") from error
     return Path(path)
 
 
 def write_whole_bytes(path: Path, content: bytes) -> None:
-    """Write a file of bytes whole or not at all, as `write_whole` does with text.
-
-    Raises:
-        InvalidValueError: the file cannot be written.
-    """
-    try:
+    """Write a file of bytes whole or not at all, as `write_whole` does with text."""
+    with _errors_told(path):
         _replace(path, content)
-    except OSError as error:
-        raise InvalidValueError(f"cannot write {path}: {error.strerror}") from error
 
 
 def write_durably(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all; once this returns, it survives even a power failure.
-
-    Raises:
-        InvalidValueError: the file cannot be written.
-    """
-    try:
+    """Write a file whole or not at all; once this returns, it survives even a power failure."""
+    with _errors_told(path):
         _replace(path, content, durable=True)
         _sync_folder(path.parent)
-    except OSError as error:
-        raise InvalidValueError(f"cannot write {path}: {error.strerror}") from error
 
 
 class WrittenFiles:
-    """The files that are written in a `with` block, to be made durable together, which takes less than one by one.
-
-    Args:
-        folder: that they lie in.
-    """
+    """Files of a folder that are written in a `with` block, to be made durable together."""
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._paths = folder, dict[Path, None]()
@@ -108,20 +93,14 @@ class WrittenFiles:
         _written.reset(self._before)
 
     def sync(self) -> None:
-        """Wait until all that were written since the last call survive a power failure.
-
-        Raises:
-            InvalidValueError: the disk reports an error.
-        """
+        """Wait until all that were written since the last call survive a power failure."""
         folders = {parent for path in self._paths for parent in path.parents if parent.is_relative_to(self._folder)}
-        try:
+        with _errors_told(self._folder):
             for path in filter(Path.exists, self._paths):  # parts may have been joined
                 with open(path, "rb+") as file:
                     os.fsync(file.fileno())
             for folder in (*folders, self._folder.parent):
                 _sync_folder(folder)
-        except OSError as error:
-            raise InvalidValueError(f"cannot write {self._folder}: {error.strerror}") from error
         self._paths.clear()
 
 
@@ -137,12 +116,9 @@ def note_written(path: Path) -> None:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold an existing folder for this process alone. Where the system has no `flock`, as Windows, nothing is held.
+    """Hold an existing folder for this process alone. Without `flock`, as on Windows, nothing is held.
 
-    The lock ends with the process, however that ends.
-
-    Raises:
-        InvalidValueError: another process, or another call in this one, holds the folder; or it cannot be written.
+    The lock ends with the process, however that ends. Raises if another process, or another call in this one, holds it.
     """
     if fcntl is None:
         yield

@@ -38,11 +38,7 @@ def set_precision(precision: str) -> None:
 
 
 def precision() -> str:
-    """Return the setting; `COOPSIM_PRECISION` that is not set, or empty, is "auto".
-
-    Raises:
-        InvalidValueError: the environment variable has another value.
-    """
+    """Return the setting; `COOPSIM_PRECISION` that is not set, or empty, is "auto"."""
     found = os.environ.get(PRECISION) or "auto"
     require_choice(PRECISION, found, PRECISIONS)
     return found

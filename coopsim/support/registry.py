@@ -16,12 +16,10 @@ T = TypeVar("T")
 class Registry(Generic[T]):
     """Objects by name. Registering a name twice raises; an unknown name raises and lists the close ones.
 
-    Args:
-        kind: the kind of the objects, in the singular, for error messages ("policy").
-        home: a module that is imported at the first look-up, and registers the built-in entries. It is given by name,
-            so that the library does not import its plug-ins.
-        group: an entry-point group through which installed packages add entries. Their names are known at once; their
-            modules are loaded when an entry is looked up.
+    `kind` is the objects', in the singular, for error messages ("policy"). `home` is a module that is imported at the
+    first look-up, and registers the built-in entries; it is given by name, so that the library does not import its
+    plug-ins. `group` is an entry-point group through which installed packages add entries. Their names are known at
+    once; their modules are loaded when an entry is looked up.
     """
 
     def __init__(self, kind: str, *, home: str | None = None, group: str | None = None) -> None:
@@ -31,12 +29,7 @@ class Registry(Generic[T]):
         self._aliases: dict[str, str] = {}
 
     def register(self, name: str, *, alias: str | None = None) -> Callable[[T], T]:
-        """Return a decorator that registers an object under `name`.
-
-        Args:
-            name: of the entry.
-            alias: a second name that is found too, but not listed, so that lists count the entry once.
-        """
+        """Return a decorator that registers an object; an alias is found, too, but not listed."""
 
         def enter(entry: T) -> T:
             for each in (name, *([] if alias is None else [alias])):
@@ -50,11 +43,7 @@ class Registry(Generic[T]):
         return enter
 
     def get(self, name: str) -> T:
-        """Return the entry called `name`.
-
-        Raises:
-            UnknownNameError: there is none, or the name is no text.
-        """
+        """Return the entry called `name`; raise `UnknownNameError` if there is none."""
         self._load_home()
         if isinstance(name, str):  # callers may ignore the annotation
             name = self._aliases.get(name, name)
@@ -75,11 +64,7 @@ class Registry(Generic[T]):
         return "this program"
 
     def name_of(self, entry: type) -> str:
-        """Return the name under which a class is registered.
-
-        Raises:
-            UnknownNameError: it is not registered.
-        """
+        """Return the name under which a class is registered; raise `UnknownNameError` if it is not."""
         self._load_home()
         names = [name for name, known in self._entries.items() if known is entry]
         names += [point.name for point in self._points if point.value == f"{entry.__module__}:{entry.__qualname__}"]

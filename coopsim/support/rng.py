@@ -27,12 +27,7 @@ def require_seed(seed: object) -> None:
 
 
 def stream(seed: int, purpose: str, *owners: str) -> np.random.Generator:
-    """Return a generator for one purpose of one agent (or link: sender and receiver).
-
-    Args:
-        seed: the episode's seed, a non-negative integer.
-        purpose: name of the quantity drawn, as "lidar", "pose", "latency".
-        *owners: names that own the draw, in order.
+    """Return a generator for one purpose, such as "lidar" or "latency", of one agent (or link: sender and receiver).
 
     Raises:
         InvalidValueError: the seed is not an integer >= 0.
@@ -49,27 +44,17 @@ def stream(seed: int, purpose: str, *owners: str) -> np.random.Generator:
 
 
 def derived_seed(seed: int, purpose: str, *owners: str) -> int:
-    """Return a seed for what users plug in, below 2**63: a digest of the seed, the purpose and the owners.
-
-    Raises:
-        InvalidValueError: the seed is not an integer >= 0.
-    """
+    """Return a seed for what users plug in, below 2**63: a digest of the seed, the purpose and the owners."""
     require_seed(seed)
     named = "\x00".join(("derived", str(int(seed)), purpose, *owners))
     return int.from_bytes(hashlib.sha256(named.encode()).digest()[:8], "big") >> 1
 
 
-def uniform_draws(seed: int, purpose: str, owner: Ints, count: int) -> Floats:
-    """Draw (N, count) uniform numbers in [0, 1) for N owners at once.
+def uniform_numbers(seed: int, purpose: str, owner: Ints, count: int) -> Floats:
+    """Draw (N, count) uniform numbers in [0, 1) for N owners at once, which are integers >= 0, such as ids of actors.
 
     A row depends on `(seed, purpose, its owner, count)` and on nothing else. The generator is SplitMix64 (Steele, Lea
     and Flood 2014), because any place of its stream can be computed by itself.
-
-    Args:
-        seed: the episode's seed, an integer >= 0.
-        purpose: name of the quantity drawn.
-        owner: (N,) integers >= 0, as ids of actors.
-        count: numbers for each owner.
     """
     key = draw_key(seed, purpose)
     place = owner.astype(np.uint64)[:, None] * np.uint64(count) + np.arange(1, count + 1).astype(np.uint64)
@@ -79,7 +64,7 @@ def uniform_draws(seed: int, purpose: str, owner: Ints, count: int) -> Floats:
 
 @lru_cache(1024)  # hashing would be most of the time of a draw in every frame
 def draw_key(seed: int, purpose: str) -> np.uint64:
-    """Return the key that decides all of `uniform_draws` for a purpose."""
+    """Return the key that decides all of `uniform_numbers` for a purpose."""
     return np.uint64(stream(seed, purpose).integers(2**64, dtype=np.uint64))
 
 

@@ -25,14 +25,10 @@ def limit_threads(most: int) -> None:
 
 
 def run_all(tasks: Sequence[Callable[[], T]], threads: int) -> list[T]:
-    """Call all tasks and return their results in order; each free thread takes the next task.
+    """Call independent tasks and return their results in order; each free thread takes the next task.
 
-    Args:
-        tasks: independent of each other. A task may itself call `run_all`.
-        threads: number of threads that share them, the calling one included.
-
-    Raises:
-        Exception: of a task that failed, once no other is running.
+    A task may itself call `run_all`. The calling thread is one of `threads`. The exception of a task that failed is
+    raised once no other is running.
     """
     helpers = min(threads, len(tasks), _most) - 1
     if helpers < 1:

@@ -1,4 +1,4 @@
-"""Which weights a policy or a detector loads. This does not load torch."""
+"""Watching of weights that a policy or a detector loads. This does not load torch."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _FOUND: ContextVar[dict[Path, str] | None] = ContextVar("found", default=None)
 
 @contextmanager
 def watch_weights() -> Iterator[dict[Path, str]]:
-    """Collect the weights that are looked up within the block, by this thread: their files, and how they are named."""
+    """Collect the weights that are looked up within the block, by this thread: their files, and their names."""
     found = dict[Path, str]()
     before = _FOUND.set(found)
     try:

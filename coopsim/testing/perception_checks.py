@@ -17,7 +17,7 @@ from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.support.rng import stream
 from coopsim.testing.harness import SensorFrames, name_of, require_same, sensor_frames, untouched
 from coopsim.types import Detections, SensorView
-from coopsim.types.embedding import normalize_embeddings
+from coopsim.types.valid_detections import normalize_embeddings
 from coopsim.types.taxonomy import require_classes
 
 _FRAMES = 3

@@ -24,7 +24,7 @@ from coopsim.tracking.affinity import fgam
 from coopsim.tracking.cascade import Stage
 from coopsim.tracking.track_states import EmbeddingMemory, TrackStates
 from coopsim.types import Detections, Ints, Mask
-from coopsim.types.embedding import normalize_embeddings
+from coopsim.types.valid_detections import normalize_embeddings
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import sealed
 from coopsim.tracking.motion.constant_velocity import Beliefs
 from coopsim.types import Detections, Ints, Mask
-from coopsim.types.embedding import normalize_embeddings
+from coopsim.types.valid_detections import normalize_embeddings
 
 Index = NDArray[np.integer] | NDArray[np.bool_]
 

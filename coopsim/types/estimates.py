@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats, SE3Batch
-from coopsim.support.arrays import frozen, require_finite, sealed
-from coopsim.types.soundness import are_sound
-from coopsim.types.taxonomy import CLASS_NAMES, require_identified
+from coopsim.support.arrays import freeze, frozen, require_finite, sealed, unchecked
+from coopsim.types.taxonomy import CLASS_NAMES, are_sound, require_identified
 from coopsim.types.units import Ints, Mask
 
 
@@ -271,12 +270,8 @@ class GroundTruth:
 
     def __post_init__(self) -> None:
         count = len(self.boxes)
-        object.__setattr__(self, "id", frozen(self.id, (count,), np.int64, "id"))
-        object.__setattr__(self, "label", frozen(self.label, (count,), np.int64, "label"))
-        for name, (shape, dtype) in _KNOWN_TRUTH.items():
-            column = getattr(self, name)
-            if column is not None:
-                object.__setattr__(self, name, frozen(column, (count, *shape), dtype, name))
+        known = {name: ((count, *shape), dtype) for name, (shape, dtype) in _KNOWN_TRUTH.items()}
+        freeze(self, id=((count,), np.int64), label=((count,), np.int64), **known)
 
     @classmethod
     def trusted(
@@ -291,14 +286,8 @@ class GroundTruth:
         counts: Mask | None = None,
     ) -> GroundTruth:
         """Make ground truth without a check, of new or read-only arrays that are known to have shape and type."""
-        truth = object.__new__(cls)
-        object.__setattr__(truth, "boxes", boxes)
-        object.__setattr__(truth, "id", sealed(ids))
-        object.__setattr__(truth, "label", sealed(label))
-        known = visible_to, velocity, returns, in_region, counts
-        for name, column in zip(_KNOWN_TRUTH, known, strict=True):
-            object.__setattr__(truth, name, column if column is None else sealed(column))
-        return truth
+        known = zip(_KNOWN_TRUTH, (visible_to, velocity, returns, in_region, counts), strict=True)
+        return unchecked(cls, boxes=boxes, id=ids, label=label, **dict(known))
 
     @classmethod
     def empty(cls) -> GroundTruth:

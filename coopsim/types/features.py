@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.support.arrays import Ints, Mask, frozen
+from coopsim.support.arrays import Ints, Mask, freeze
 from coopsim.support.checks import require_count, require_finite_number, require_positive
 from coopsim.types.sensing import Sweep
 
@@ -33,8 +33,8 @@ class PointCloud:
     intensity: NDArray[np.float32]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "xyz", frozen(self.xyz, (None, 3), np.float32, "xyz"))
-        object.__setattr__(self, "intensity", frozen(self.intensity, (len(self.xyz),), np.float32, "intensity"))
+        freeze(self, xyz=((None, 3), np.float32))
+        freeze(self, intensity=((len(self.xyz),), np.float32))
 
     @classmethod
     def of(cls, *sweeps: Sweep) -> PointCloud:
@@ -166,25 +166,16 @@ class FeatureMap:
     def __post_init__(self) -> None:
         if not isinstance(self.grid, BevGrid):
             raise InvalidValueError(f"grid must be a BevGrid, got {self.grid!r}")
-        values = frozen(self.values, (None, *self.grid.shape), np.float32, "values")
-        object.__setattr__(self, "values", values)
-        if self.confidence is not None:
-            confidence = frozen(self.confidence, self.grid.shape, np.float32, "confidence")
-            object.__setattr__(self, "confidence", confidence)
-        if self.sent is not None:
-            object.__setattr__(self, "sent", frozen(self.sent, self.grid.shape, np.bool_, "sent"))
-        if self.request is not None:
-            request = frozen(self.request, (None, None), np.float32, "request")
-            object.__setattr__(self, "request", request)
-            block = self.request_block
-            if not 1 <= block <= 255 or request.shape != tuple(cells // block for cells in self.grid.shape):
-                raise InvalidValueError(
-                    f"request must be of square blocks of {self.grid.shape} cells, got shape {request.shape}"
-                )
+        shape = self.grid.shape
+        freeze(self, values=((None, *shape), np.float32), confidence=(shape, np.float32), sent=(shape, np.bool_))
+        freeze(self, request=((None, None), np.float32), priority=(shape, np.float32))
         require_count(0, 2**32 - 1, space=self.space)
-        if self.priority is not None:
-            priority = frozen(self.priority, self.grid.shape, np.float32, "priority")
-            object.__setattr__(self, "priority", priority)
+        if self.request is not None:
+            block = self.request_block
+            if not 1 <= block <= 255 or self.request.shape != tuple(cells // block for cells in shape):
+                raise InvalidValueError(
+                    f"request must be of square blocks of {shape} cells, got shape {self.request.shape}"
+                )
 
     @property
     def request_block(self) -> int:
@@ -267,9 +258,7 @@ class InstanceQueries:
     def __post_init__(self) -> None:
         count = len(self.boxes)
         require_count(0, 2**32 - 1, space=self.space)
-        object.__setattr__(self, "feature", frozen(self.feature, (count, None), np.float32, "feature"))
-        object.__setattr__(self, "score", frozen(self.score, (count,), np.float64, "score"))
-        object.__setattr__(self, "label", frozen(self.label, (count,), np.int64, "label"))
+        freeze(self, feature=((count, None), np.float32), score=((count,), np.float64), label=((count,), np.int64))
 
     def __len__(self) -> int:
         return len(self.boxes)

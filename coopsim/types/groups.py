@@ -16,7 +16,7 @@ from coopsim.types.units import Ints, Mask
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DetectionGroups(Sequence[Detections]):
-    """A sequence of G groups of detections, stored end to end.
+    """Sequence of G groups of detections, stored end to end.
 
     A fusion that wants arrays takes `joined` and `starts`; any other takes the groups one after another, each of which
     is cut out when it is asked for.

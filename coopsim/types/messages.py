@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from coopsim.errors import InvalidValueError
@@ -63,10 +63,10 @@ class Observation:
         pose: the global pose estimate.
         odometry: motion since the last observation.
         detections: the agent's own detections.
-        sweeps: by LiDAR name.
+        sweeps: sweep of each LiDAR, by name.
         cameras: images by camera name; empty when cameras are off.
         inbox: messages that arrived since the last observation, oldest capture first.
-        sensed: whether sensors and detector ran in this frame; False only with the option `sense_every` > 1. Then there
+        sensed: flag of a frame in which sensors and detector ran; False only with the option `sense_every` > 1: there
             are no points, images or detections.
     """
 
@@ -81,16 +81,7 @@ class Observation:
 
     def with_inbox(self, inbox: tuple[Message, ...]) -> Observation:
         """Return the observation with these messages, oldest capture first."""
-        return Observation(
-            self.time_ns,
-            self.pose,
-            self.odometry,
-            self.detections,
-            self.sweeps,
-            self.cameras,
-            inbox,
-            self.sensed,
-        )
+        return replace(self, inbox=inbox)
 
     def view(self, spec: AgentSpec) -> SensorView:
         """Return the sensor data alone, with calibrations and mountings, as a `Detector` sees it.
@@ -119,13 +110,13 @@ class AgentSpec:
     """Specification of an agent, known to a policy before the first frame.
 
     Attributes:
-        name: as `cav_0`, `rsu_0` or `drone_0`.
+        name: unique name, such as `cav_0`, `rsu_0` or `drone_0`.
         kind: "cav" (drives), "rsu" (stands) or "drone" (flies; its base frame is on the ground under it).
         dt_s: time between two observations.
         uplink: the content that the agent broadcasts ("none", "detections", "tracks", "points", "features", "queries").
         drives: the action must say how to drive (`control="policy"`, connected cars only).
         is_object: others see the agent over the origin of its base frame, but it is not its own object. False for a
-            mast, and for a recording, which lacks the positions of its agents.
+            roadside unit, and for a recording, which lacks the positions of its agents.
         frame_owner: the agent whose base frame all agents' boxes are in, as in a recording; None: each agent's boxes
             are in its own.
         cameras: calibration of each of its cameras, by name; of the running episode, as cars differ in height.
@@ -133,8 +124,8 @@ class AgentSpec:
         lidars: mounting of each of its LiDARs, by name; of the running episode, as cars differ in height. Empty where
             no rays are cast, as in a recording.
         sense_every: sensors and detector run in every n-th frame, beginning with the first.
-        calibration: name of what its detector's scores and errors are like, as `DetectorBase.calibration` says; None:
-            unknown, as of a recording.
+        calibration: kind of its detector's scores and errors, see `DetectorBase.calibration`; None: unknown, as of a
+            recording.
     """
 
     name: str
@@ -149,3 +140,10 @@ class AgentSpec:
     lidars: Mapping[str, LidarMounting] = field(default_factory=dict, compare=False)
     sense_every: int = 1
     calibration: str | None = None
+
+
+MANEUVERS = ("lane_left", "idle", "lane_right", "faster", "slower")
+"""Names of the discrete maneuvers, numbered as highway-env numbers its meta-actions."""
+
+IDLE = MANEUVERS.index("idle")
+"""The maneuver that changes nothing."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.support.arrays import Shape, frozen, require_finite
+from coopsim.support.arrays import Shape, freeze, require_finite
 from coopsim.support.checks import require_count
 from coopsim.types.units import Ints
 
@@ -23,7 +23,7 @@ TRUTH_MODES = ("instance", "semantic")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sweep:
-    """One revolution of one LiDAR, as points in the agent's base frame.
+    """Points of one revolution of one LiDAR, in the agent's base frame.
 
     Attributes:
         points: (N, 3) m, float32.
@@ -39,14 +39,9 @@ class Sweep:
     instance: Ints | None = None
 
     def __post_init__(self) -> None:
-        points = frozen(self.points, (None, 3), np.float32, "points")
-        object.__setattr__(self, "points", points)
-        count = len(points)
-        object.__setattr__(self, "intensity", frozen(self.intensity, (count,), np.float32, "intensity"))
-        object.__setattr__(self, "beam", frozen(self.beam, (count,), np.int64, "beam"))
-        if self.instance is not None:
-            instance = frozen(self.instance, (count,), np.int64, "instance")
-            object.__setattr__(self, "instance", instance)
+        freeze(self, points=((None, 3), np.float32))
+        one = (len(self.points),)
+        freeze(self, intensity=(one, np.float32), beam=(one, np.int64), instance=(one, np.int64))
 
     @classmethod
     def empty(cls) -> Sweep:
@@ -78,8 +73,7 @@ class LidarMounting:
     elevation_rad: Floats
 
     def __post_init__(self) -> None:
-        elevation = frozen(self.elevation_rad, (None,), np.float64, "elevation_rad")
-        object.__setattr__(self, "elevation_rad", elevation)
+        freeze(self, elevation_rad=((None,), np.float64))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,11 +97,9 @@ class CameraImage:
         dtypes = {"rgb": np.uint8, "depth": np.float32, "instance": np.int64, "semantic": np.uint8}
         size: Shape = (None, None)
         for name, tail in tails.items():
+            freeze(self, **{name: ((*size, *tail), dtypes[name])})
             pixels = getattr(self, name)
-            if pixels is not None:
-                pixels = frozen(pixels, (*size, *tail), dtypes[name], name)
-                object.__setattr__(self, name, pixels)
-                size = pixels.shape[:2]
+            size = size if pixels is None else pixels.shape[:2]
 
     @classmethod
     def blank(cls, size: tuple[int, int], modes: Sequence[str]) -> CameraImage:
@@ -143,8 +135,7 @@ class CameraCalibration:
     base_SE3_camera: SE3
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "matrix", frozen(self.matrix, (3, 3), np.float64, "matrix"))
-        object.__setattr__(self, "distortion", frozen(self.distortion, (5,), np.float64, "distortion"))
+        freeze(self, matrix=((3, 3), np.float64), distortion=((5,), np.float64))
         require_count(1, height=self.size[0], width=self.size[1])
         pose = self.base_SE3_camera
         for name in ("matrix", "distortion"):
@@ -172,10 +163,7 @@ class PoseEstimate:
     covariance: Floats | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "xyz_yaw", frozen(self.xyz_yaw, (4,), np.float64, "xyz_yaw"))
-        if self.covariance is not None:
-            covariance = frozen(self.covariance, (3, 3), np.float64, "covariance")
-            object.__setattr__(self, "covariance", covariance)
+        freeze(self, xyz_yaw=((4,), np.float64), covariance=((3, 3), np.float64))
 
     @property
     def world_SE3_base(self) -> SE3:
@@ -194,7 +182,7 @@ class Odometry:
     xyz_yaw: Floats
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "xyz_yaw", frozen(self.xyz_yaw, (4,), np.float64, "xyz_yaw"))
+        freeze(self, xyz_yaw=((4,), np.float64))
 
     @property
     def previous_SE3_current(self) -> SE3:
@@ -210,8 +198,8 @@ class SensorView:
         agent: the agent's name.
         time_ns: now, since the episode's start.
         odometry: motion since the last frame.
-        sweeps: by LiDAR name, in the base frame; `instance` is None.
-        images: by camera name; `instance` and `semantic` are None.
+        sweeps: sweep of each LiDAR, by name, in the base frame; `instance` is None.
+        images: image of each camera, by name; `instance` and `semantic` are None.
         cameras: calibration of each camera, by name.
         lidars: mounting of each LiDAR, by name.
         pose: the agent's estimate of its pose, by whose heading an encoder may turn what it sees into the world's axes;

@@ -1,4 +1,4 @@
-"""Object classes, in the fixed order in which labels are numbered everywhere, and their superclasses."""
+"""Object classes in the fixed order of labels, their superclasses, and checks of objects' labels and ids."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.errors import InvalidValueError
+from coopsim.support.arrays import Floats, Ints
+from coopsim.support.kernels import njit
 
 
 class ObjectClass(IntEnum):
@@ -90,3 +92,24 @@ def require_classes(label: NDArray[np.int64], what: str) -> None:
     if len(label) and not (label.min() >= 0 and label.max() < len(CLASS_NAMES)):
         wrong = sorted(set(label.tolist()) - set(range(len(CLASS_NAMES))))
         raise InvalidValueError(f"{what} labels must be in 0..{len(CLASS_NAMES) - 1}, got {wrong}")
+
+
+@njit(cache=True, nogil=True)
+def are_sound(boxes: Floats, ids: Ints, label: Ints, classes: int) -> bool:
+    """Return whether boxes (N, 7) are finite and have sizes > 0, ids (N,) are unique, and labels (N,) below `classes`.
+
+    All arrays are contiguous, and `ids` and `label` read-only: one layout, compiled once.
+    """
+    for i in range(len(boxes)):
+        for j in range(7):
+            if not np.isfinite(boxes[i, j]):
+                return False
+        if boxes[i, 3] <= 0 or boxes[i, 4] <= 0 or boxes[i, 5] <= 0:
+            return False
+        if label[i] < 0 or label[i] >= classes:
+            return False
+    ordered = np.sort(ids)
+    for i in range(1, len(ordered)):  # noqa: SIM110  (numba takes no generator)
+        if ordered[i] == ordered[i - 1]:
+            return False
+    return True

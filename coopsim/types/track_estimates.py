@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats, SE3Batch
-from coopsim.support.arrays import frozen, sealed
+from coopsim.support.arrays import freeze, unchecked
 from coopsim.types.estimates import Tracks
 from coopsim.types.units import Ints
 
@@ -32,16 +32,12 @@ class TrackEstimates:
     covariance: Floats
 
     def __post_init__(self) -> None:
-        shape = (len(self.tracks), PLANAR, PLANAR)
-        object.__setattr__(self, "covariance", frozen(self.covariance, shape, np.float64, "covariance"))
+        freeze(self, covariance=((len(self.tracks), PLANAR, PLANAR), np.float64))
 
     @classmethod
     def trusted(cls, tracks: Tracks, covariance: Floats) -> TrackEstimates:
         """Make estimates without a check, of a new or read-only covariance that is known to fit."""
-        estimates = object.__new__(cls)
-        object.__setattr__(estimates, "tracks", tracks)
-        object.__setattr__(estimates, "covariance", sealed(covariance))
-        return estimates
+        return unchecked(cls, tracks=tracks, covariance=covariance)
 
     @classmethod
     def concatenate(cls, parts: Iterable[TrackEstimates]) -> TrackEstimates:
@@ -96,14 +92,10 @@ class TrackEstimates:
     def with_pose_noise(self, origin_m: Floats, position_noise_m: float, heading_noise_rad: float) -> TrackEstimates:
         """Add the uncertainty of the pose by which the estimates were moved to their covariances.
 
-        To first order an object at the offset d from the pose is off by the pose's own error and, across d, by its
-        heading's error times the distance: s^2 I + h^2 t t^T, where t is d turned by a right angle. The turn of
-        velocities is left out: at 20 m/s and 0.2 degrees it is 0.07 m/s.
-
-        Args:
-            origin_m: (2,) position of the pose, in the frame of the estimates; or of each estimate's own pose (N, 2).
-            position_noise_m: s, the standard deviation of its x and of its y.
-            heading_noise_rad: h, the standard deviation of its heading.
+        To first order an object at the offset d from the pose's `origin_m`, (2,) or (N, 2), is off by the pose's own
+        error and, across d, by its heading's error times the distance: s^2 I + h^2 t t^T, where t is d turned by a
+        right angle, and s and h are the standard deviations of position and heading. The turn of velocities is left
+        out: at 20 m/s and 0.2 degrees it is 0.07 m/s.
         """
         x, y = (self.tracks.boxes.center[:, :2] - origin_m).T
         across = np.column_stack([-y, x]) * heading_noise_rad

@@ -18,22 +18,14 @@ from coopsim.viz import palette
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
 
 SPAN_M = 160.0
-"""Width of the world that the picture shows."""
+"""Width of the world that the image shows."""
 
 SCALE_BAR_M = 20.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BevFrame:
-    """Content of a bird's-eye picture, all in the world frame.
-
-    Attributes:
-        time_ns: since the episode's start.
-        actors: the truth.
-        agents: true poses, by name.
-        points: (N, 3) m.
-        tracks: by reporting agent.
-    """
+    """Content of a bird's-eye image in the world frame: truth, points (N, 3) m, tracks by reporting agent."""
 
     time_ns: int
     actors: Actors
@@ -48,16 +40,11 @@ def outlines(boxes: Boxes3D) -> Floats:
 
 
 class BevRenderer:
-    """Draws frames over a map: truth grey, connected agents yellow, tracks by the colour of their id.
+    """Renderer of frames over a map: truth grey, connected agents yellow, tracks by the colour of their id.
 
     North (y) is up. The view is centred on the agents in steps of 20 m, so that it does not move in every frame. Ids of
     different agents are unrelated, and most objects are tracked by several agents: the first agent's tracks are bold
     and on top, so that a change of colour is a change of its id.
-
-    Args:
-        road_map: outlines to draw beneath.
-        width_px: of the picture.
-        height_px: of the picture.
     """
 
     def __init__(self, road_map: RoadMap, width_px: int = 960, height_px: int = 720) -> None:
@@ -78,13 +65,13 @@ class BevRenderer:
             self._map, self._ground = road_map, None
 
     def draw(self, frame: BevFrame) -> NDArray[np.uint8]:
-        """Return the picture, (H, W, 3) uint8; needs no display."""
+        """Return the image, (H, W, 3) uint8; needs no display."""
         self._paint(frame)
         pixels: NDArray[np.uint8] = self._pygame.surfarray.array3d(self._surface)
         return np.ascontiguousarray(pixels.transpose(1, 0, 2))
 
     def show(self, frame: BevFrame) -> None:
-        """Show the picture in a window, which opens at the first call.
+        """Show the image in a window, which opens at the first call.
 
         Raises:
             InvalidValueError: there is no screen to open it on.
@@ -114,7 +101,7 @@ class BevRenderer:
 
     def _paint(self, frame: BevFrame) -> None:
         centre = self._centre(frame)
-        self._surface.blit(self._map_picture(centre), (0, 0))
+        self._surface.blit(self._map_image(centre), (0, 0))
         self._points(frame.points, centre)
         riding = [body.actor_id for body in frame.agents.values() if body.actor_id is not None]
         connected = np.isin(frame.actors.id, riding)
@@ -149,7 +136,7 @@ class BevRenderer:
         steps = np.round(middle / 20.0) * 20.0
         return float(steps[0]), float(steps[1])
 
-    def _map_picture(self, centre: tuple[float, float]) -> Any:
+    def _map_image(self, centre: tuple[float, float]) -> Any:
         if self._ground is None or self._ground[0] != centre:
             surface = self._pygame.Surface(self._size)
             surface.fill(palette.BACKGROUND)

@@ -1,4 +1,4 @@
-"""Colours with a meaning, the same in every picture and in the report."""
+"""Colours with a meaning, the same in every image and in the report."""
 
 from __future__ import annotations
 

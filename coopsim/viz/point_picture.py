@@ -17,7 +17,7 @@ _HEIGHT_COLORS = ((52, 62, 72), (70, 84, 98), (84, 140, 150), (120, 180, 130), (
 
 
 def draw_points(points: Floats, instance: Ints, reach_m: float, size_px: tuple[int, int]) -> NDArray[np.uint8]:
-    """Draw the points around an agent, ahead of it up; return the picture (H, W, 3).
+    """Draw the points around an agent, ahead of it up; return the image (H, W, 3).
 
     Scenery is coloured by height, each actor by its id.
 

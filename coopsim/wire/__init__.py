@@ -1,1 +1,4 @@
-"""Observations and actions as spaces and dicts of arrays."""
+"""Formats of observations and actions: gymnasium spaces, and typed structs to dicts of arrays and back.
+
+Input is `Observation`s and `Tracks`; output is what any PettingZoo tool reads. Start with `observation_format.py`.
+"""

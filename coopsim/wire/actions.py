@@ -12,7 +12,7 @@ from coopsim.errors import CoopsimError, InvalidActionError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.support.arrays import as_numbers
 from coopsim.types import Tracks
-from coopsim.types.maneuvers import IDLE, MANEUVERS
+from coopsim.types.messages import IDLE, MANEUVERS
 from coopsim.types.taxonomy import CLASS_NAMES
 from coopsim.wire.columns import COUNTER, box_space, real_space, rows_space
 
@@ -81,12 +81,8 @@ def unpack_action(agent: str, action: object, *, drives: bool) -> tuple[Tracks, 
 def unpack_actions(
     agents: Sequence[str], actions: object, drivers: Collection[str]
 ) -> tuple[dict[str, Tracks], dict[str, int]]:
-    """Return the tracks and the maneuvers in the actions of all agents, checked and copied.
-
-    Args:
-        agents: the agents that must act.
-        actions: by agent.
-        drivers: the agents whose actions must have a maneuver.
+    """Return the tracks and the maneuvers in the actions of all agents, checked and copied; those of `drivers` have
+    maneuvers.
 
     Raises:
         InvalidActionError: an agent is unknown or missing, or its action is malformed.

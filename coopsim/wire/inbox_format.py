@@ -21,12 +21,10 @@ _NUMBERS = ("sender", "codec", "captured_ns", "payload_bytes")
 
 
 class InboxPacker:
-    """Packs the inboxes of one frame.
+    """Packer of the inboxes of one frame.
 
-    Args:
-        agents: all agents, in the order in which an inbox numbers its senders.
-        messages: of all inboxes, in any order; equal objects once or several times.
-        covariances: whether poses have covariances; zeros stand for none.
+    Senders are numbered in the order of `agents`. `messages` are those of all inboxes, in any order, equal objects once
+    or several times. With `covariances`, poses have them; zeros stand for none.
     """
 
     def __init__(self, agents: Sequence[str], messages: Sequence[Message], *, covariances: bool) -> None:
@@ -54,12 +52,10 @@ class InboxPacker:
 
 
 class InboxReader:
-    """Reads packed inboxes; receivers of the same bytes get the same `Message` objects.
+    """Reader of packed inboxes; receivers of the same bytes get the same `Message` objects.
 
-    Every byte of every inbox is looked at: what one receiver was given is never taken for what another was.
-
-    Args:
-        agents: all agents, in the order in which an inbox numbers its senders.
+    Every byte of every inbox is looked at: the content of one receiver's inbox is never taken for another's. Senders
+    are numbered in the order of `agents`.
     """
 
     def __init__(self, agents: Sequence[str]) -> None:

@@ -27,27 +27,27 @@ from coopsim.types import (
     PoseEstimate,
     Sweep,
 )
-from coopsim.types.embedding import normalize_embeddings
 from coopsim.types.sensing import OBSERVED_MODES
 from coopsim.types.taxonomy import CLASS_NAMES, require_classes
+from coopsim.types.valid_detections import normalize_embeddings
 from coopsim.wire.columns import COUNTER, box_space, real_space, rows_space
 from coopsim.wire.inbox_format import InboxPacker, InboxReader, pack_covariances, stated_covariance
 
 
 @dataclass(frozen=True, slots=True)
 class ObservationFormat:
-    """The format of all agents' observations in one environment.
+    """Format of all agents' observations in one environment.
 
     Attributes:
         agents: all agents, in the order in which an inbox numbers its senders. Codecs are numbered as in
             `CODECS.names()`.
         lidars: names of LiDARs, by agent.
-        cameras: by agent and camera, the height and width of its images.
+        cameras: height and width of images, by agent and camera.
         camera_modes: the modes of images; modes that are truth are left out.
         embedding_dim: length of the embeddings of detections; 0: they have none.
-        detection_covariances: whether detections have covariances.
-        pose_covariances: whether some agent states the covariance of its pose.
-        skips_frames: whether there are frames in which sensors and detector do not run.
+        detection_covariances: detections have covariances.
+        pose_covariances: some agent states the covariance of its pose.
+        skips_frames: there are frames in which sensors and detector do not run.
     """
 
     agents: tuple[str, ...]

@@ -9,7 +9,7 @@ import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, SE3Batch, wrap_angle
-from coopsim.support.rng import uniform_draws
+from coopsim.support.rng import uniform_numbers
 from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.model import Model
@@ -70,7 +70,7 @@ class World:
     def step(self, dt_s: float, maneuvers: Mapping[str, int] | None = None) -> None:
         """Advance by `dt_s`, in equal parts short enough for drivers to react.
 
-        `maneuvers` are indices into `coopsim.types.maneuvers.MANEUVERS` by agent's name, under policy control.
+        `maneuvers` are indices into `coopsim.types.messages.MANEUVERS` by agent's name, under policy control.
         """
         obeyed = (maneuvers or {}) if self._policy_control else {}
         by_number = {int(name.removeprefix("cav_")): obeyed[name] for name in obeyed}
@@ -108,7 +108,7 @@ class World:
         """Return first and second colours and phases of actors: each starts at a phase of its own."""
         key = identity.tobytes()
         if key != self._drawn_key:  # mostly the same actors as in the last frame
-            start = uniform_draws(self._seed, "phase", identity, 1)[:, 0]
+            start = uniform_numbers(self._seed, "phase", identity, 1)[:, 0]
             self._drawn_key, self._drawn = key, (*draw_colors(self._seed, identity, label, dirty=self._dirty), start)
         return self._drawn
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from coopsim.envs.simulated.simulation_options import SimulationOptions, lidar_carriers
-from coopsim.sensors.camera.camera_rig import CameraRig
-from coopsim.sensors.camera.renderers.choice import make_renderer
-from coopsim.sensors.camera.rigs import Rig, agent_rigs
+from coopsim.sensors.camera.picture import CameraRig
+from coopsim.sensors.camera.renderers import make_renderer
+from coopsim.sensors.camera.camera import Rig, agent_rigs
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
-from coopsim.sensors.lidar.mounting import require_above_ground, require_free_mount
-from coopsim.sensors.visibility.lidar_visibility import VisibilityProbe
+from coopsim.sensors.lidar.lidar import require_above_ground, require_free_mount
+from coopsim.sensors.visibility import VisibilityProbe
 from coopsim.types import CameraCalibration, CameraImage, LidarMounting
 from coopsim.types.sensing import OBSERVED_MODES
 from coopsim.world.models.model import Model

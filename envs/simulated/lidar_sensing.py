@@ -10,12 +10,12 @@ from functools import partial
 import numpy as np
 
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.sensors.lidar.expected_returns import LineOfSight
+from coopsim.sensors.lidar.expected_returns import ReturnsEstimator
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
 from coopsim.sensors.lidar.patterns import BeamPattern
-from coopsim.sensors.lidar.revolution import interpolate
-from coopsim.sensors.lidar.tally import count_returns
-from coopsim.sensors.raycast import RayScene
+from coopsim.sensors.lidar.ray_grid import interpolate
+from coopsim.sensors.lidar.returns import count_returns
+from coopsim.sensors.scene import RayScene
 from coopsim.sensors.weather import Weather
 from coopsim.support.rng import stream
 from coopsim.support.threads import run_all
@@ -111,7 +111,7 @@ class ExpectReturns(LidarSensing):
         self._config = config
         down = BeamPattern("looking down", config.beams.elevation_rad - drone_pitch_rad)
         self._sights = [
-            (LineOfSight(static, beams, config.columns, config.max_range_m, weather), kinds)
+            (ReturnsEstimator(static, beams, config.columns, config.max_range_m, weather), kinds)
             for beams, kinds in ((config.beams, ("cav", "rsu")), (down, ("drone",)))
         ]
 
@@ -122,7 +122,7 @@ class ExpectReturns(LidarSensing):
             carriers = [body for body in bodies.values() if body.kind in kinds]
             if carriers:
                 own_ids = [body.actor_id for body in carriers]
-                returns = sight.expected_returns_of_all(self._origins_m(carriers), actors, own_ids)
+                returns = sight.expected_returns(self._origins_m(carriers), actors, own_ids)
                 readings |= {body.name: LidarReading(each) for body, each in zip(carriers, returns, strict=True)}
         return {name: readings[name] for name in bodies}
 

@@ -15,12 +15,12 @@ from coopsim.errors import InvalidValueError
 from coopsim.localization.localizer import LocalizationConfig
 from coopsim.sensors.camera.daylight import Daylight, Illumination, as_daylight
 from coopsim.sensors.camera.picture import require_modes
-from coopsim.sensors.camera.renderers.choice import RENDERERS
-from coopsim.sensors.camera.rigs import RigOption, check_rig
+from coopsim.sensors.camera.renderers import RENDERERS
+from coopsim.sensors.camera.camera import RigOption, check_rig
 from coopsim.sensors.lidar.lidar import MOST_COLUMNS, LidarConfig
-from coopsim.sensors.lidar.pattern_files import SUFFIXES
+from coopsim.sensors.lidar.patterns import SUFFIXES
 from coopsim.sensors.lidar.patterns import PATTERNS, BeamPattern
-from coopsim.sensors.limits import FARTHEST_M
+from coopsim.sensors import FARTHEST_M
 from coopsim.sensors.weather import Weather
 from coopsim.support.checks import (
     require_between,

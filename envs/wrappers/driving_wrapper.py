@@ -17,7 +17,7 @@ from coopsim.envs.roles import Roles
 from coopsim.envs.wrappers.base_wrappers import ByAgent, Stepped, cooperative_env
 from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError
 from coopsim.support.rng import derived_seed
-from coopsim.types.maneuvers import MANEUVERS
+from coopsim.types.messages import MANEUVERS
 
 
 class Driving(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pettingzoo is untyped

@@ -32,7 +32,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import as_numbers, require_finite
 from coopsim.support.checks import require_count, require_positive
 from coopsim.types import Tracks
-from coopsim.types.maneuvers import MANEUVERS
+from coopsim.types.messages import MANEUVERS
 from coopsim.types.taxonomy import CLASS_NAMES
 from coopsim.wire.actions import pack_tracks
 

@@ -12,12 +12,11 @@ import numpy as np
 import pytest
 
 from coopsim.errors import MissingDependencyError
-from coopsim.sensors.camera.camera_rig import CameraRig
+from coopsim.sensors.camera.camera import agent_rigs
 from coopsim.sensors.camera.daylight import DAYLIGHTS, Illumination
-from coopsim.sensors.camera.distortion import NO_DISTORTION
-from coopsim.sensors.camera.intrinsics import Intrinsics
-from coopsim.sensors.camera.renderers.choice import make_renderer
-from coopsim.sensors.camera.rigs import agent_rigs
+from coopsim.sensors.camera.intrinsics import NO_DISTORTION, Intrinsics
+from coopsim.sensors.camera.picture import CameraRig
+from coopsim.sensors.camera.renderers import make_renderer
 from coopsim.sensors.scene import SceneGeometry
 from coopsim.sensors.weather import Weather
 from coopsim.world.scenario import make_scenario

@@ -14,11 +14,9 @@ from codec_samples import some_detections, some_perception, some_queries, some_t
 
 import coopsim
 from coopsim.comms.codecs.codec import Codec, decoder
-from coopsim.comms.codecs.feature_codec import FeaturesCodec
-from coopsim.comms.codecs.point_codec import PointsCodec
+from coopsim.comms.codecs.feature_codec import FeaturesCodec, SparseFeaturesCodec
+from coopsim.comms.codecs.point_codec import PointsCodec, VoxelsCodec
 from coopsim.comms.codecs.query_codec import QueriesCodec
-from coopsim.comms.codecs.sparse_feature_codec import SparseFeaturesCodec
-from coopsim.comms.codecs.voxel_codec import VoxelsCodec
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.types import BevGrid, FeatureMap, PointCloud
 

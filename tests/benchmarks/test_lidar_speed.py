@@ -14,12 +14,11 @@ import numpy as np
 import pytest
 
 from coopsim.geometry.se3 import SE3
-from coopsim.sensors.lidar.cast.ray_grid import RayGrid
-from coopsim.sensors.lidar.expected_returns import LineOfSight
+from coopsim.sensors.lidar.expected_returns import ReturnsEstimator
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
 from coopsim.sensors.lidar.patterns import PATTERNS
-from coopsim.sensors.raycast import RayScene
-from coopsim.sensors.scene import SceneGeometry, Triangles
+from coopsim.sensors.lidar.ray_grid import RayGrid
+from coopsim.sensors.scene import RayScene, SceneGeometry, Triangles
 from coopsim.sensors.weather import Weather
 from coopsim.support.rng import stream
 from coopsim.support.threads import run_all
@@ -149,13 +148,12 @@ def test_without_a_lidar() -> None:
     """Lines of sight to all actors from all agents, instead of sweeps."""
     world = crossing()
     beams, actors, bodies = PATTERNS.get("HDL-32E"), world.actors(), world.agents()
-    sight = LineOfSight(world.static, beams, 1024, 120.0)
+    sight = ReturnsEstimator(world.static, beams, 1024, 120.0)
     above = np.array([0.0, 0.0, 2.0])
 
     def look() -> object:
-        return [
-            sight.expected_returns(body.world_SE3_base.apply(above), actors, body.actor_id) for body in bodies.values()
-        ]
+        origins = np.array([body.world_SE3_base.apply(above) for body in bodies.values()])
+        return sight.expected_returns(origins, actors, [body.actor_id for body in bodies.values()])
 
     print(
         f"\nno LiDAR: {least_ms(look)[0]:.2f} ms for the lines of sight of {len(bodies)} agents to {len(actors)} actors"

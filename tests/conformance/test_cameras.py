@@ -13,8 +13,8 @@ import coopsim
 from coopsim.errors import CoopsimError, InvalidValueError, PolicyMismatchError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.sensors.camera.camera import Camera
-from coopsim.sensors.camera.camera_rig import CameraRig
 from coopsim.sensors.camera.intrinsics import Intrinsics
+from coopsim.sensors.camera.picture import CameraRig
 from coopsim.sensors.weather import Weather
 from coopsim.types import Observation, Tracks
 

@@ -20,8 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from coopsim.comms.codecs.codec import CODECS, Codec, decoder
-from coopsim.comms.codecs.feature_codec import FeaturesCodec
-from coopsim.comms.codecs.sparse_feature_codec import SparseFeaturesCodec
+from coopsim.comms.codecs.feature_codec import FeaturesCodec, SparseFeaturesCodec
 from coopsim.errors import CodecError, UnknownNameError
 from coopsim.testing import check_codec
 from coopsim.types import FeatureMap

@@ -12,7 +12,7 @@ from scipy.stats import kendalltau, rankdata
 
 import coopsim
 from coopsim.comms.envelope import decode_detections
-from coopsim.comms.uplinks.selection import SELECTIONS, ByScore
+from coopsim.comms.uplinks.budget import SELECTIONS, ByScore
 from coopsim.comms.uplinks.share_detections import ShareDetections
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.detection.detector import Detector, SensorNeeds

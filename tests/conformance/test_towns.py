@@ -14,7 +14,7 @@ from test_environments import Make, assert_same, play
 
 import coopsim
 from coopsim.errors import InvalidValueError, RecordingError, ScenarioFileError, UnknownNameError
-from coopsim.viz.town_picture import write_picture
+from coopsim.viz.portrait import write_picture
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.scenario import make_scenario
 from coopsim.world.towns.options import TownOptions

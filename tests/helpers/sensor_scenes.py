@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from coopsim.errors import MissingDependencyError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.sensors.camera.camera import Camera
-from coopsim.sensors.camera.camera_rig import CameraRig
-from coopsim.sensors.camera.renderers.choice import make_renderer
-from coopsim.sensors.camera.rigs import named_rig
+from coopsim.sensors.camera.camera import Camera, named_rig
+from coopsim.sensors.camera.picture import CameraRig
+from coopsim.sensors.camera.renderers import make_renderer
 from coopsim.sensors.scene import SceneGeometry, Triangles
 from coopsim.types import CameraImage
 from coopsim.world.models.model import Model

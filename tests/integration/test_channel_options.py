@@ -12,10 +12,8 @@ import yaml
 import coopsim
 from coopsim.comms.channel.bandwidth import Bandwidth
 from coopsim.comms.channel.channel import ChannelConfig, ChannelCounts
-from coopsim.comms.channel.channel_config import channel_config
-from coopsim.comms.channel.clock import AgentClock
+from coopsim.comms.channel.channel_config import AgentClock, LinkConfig, channel_config
 from coopsim.comms.channel.latency import EmpiricalLatency, GammaLatency, GaussianLatency
-from coopsim.comms.channel.link_config import LinkConfig
 from coopsim.comms.channel.loss import BernoulliLoss, GilbertElliottLoss
 from coopsim.comms.radio.radio_config import Radio
 from coopsim.envs import exchange

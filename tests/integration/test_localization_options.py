@@ -9,7 +9,7 @@ import pytest
 
 import coopsim
 from coopsim.comms.channel.channel import ChannelConfig
-from coopsim.comms.channel.clock import AgentClock
+from coopsim.comms.channel.channel_config import AgentClock
 from coopsim.errors import InvalidValueError, ScenarioFileError, UnknownNameError
 from coopsim.localization.localizer import LocalizationConfig, localization_config
 from coopsim.localization.pose_noise import PoseNoise

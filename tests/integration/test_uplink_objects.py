@@ -161,7 +161,7 @@ def test_the_environment_decodes_a_broadcast_once_for_all_receivers(monkeypatch:
         decoded[message.sender, message.captured_ns] += 1
         return decode(message)
 
-    monkeypatch.setattr("coopsim.comms.uplinks.selection.decode_detections", count)
+    monkeypatch.setattr("coopsim.comms.uplinks.budget.decode_detections", count)
     env = coopsim.parallel_env("crossing", budget_bytes=200, selection="need", **SHORT)
     run(env, coopsim.make_policy("late_fusion"))
     agents = len(env.agent_specs)

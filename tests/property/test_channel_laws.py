@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 from coopsim.comms.channel.bandwidth import Bandwidth
 from coopsim.comms.channel.channel import Channel, ChannelConfig
-from coopsim.comms.channel.clock import AgentClock
+from coopsim.comms.channel.channel_config import AgentClock, LinkConfig
 from coopsim.comms.channel.latency import EmpiricalLatency, GammaLatency, GaussianLatency, LogNormalLatency
-from coopsim.comms.channel.link_config import LinkConfig
 from coopsim.comms.channel.loss import BernoulliLoss, GilbertElliottLoss
 from coopsim.comms.radio.radio_config import Radio
 from coopsim.types import Message, PoseEstimate

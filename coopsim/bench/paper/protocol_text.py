@@ -12,7 +12,7 @@ from coopsim.bench.paper.provenance import Provenance, TrainingPlaces
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import LEVEL
 from coopsim.metrics.built_in import all_metrics
-from coopsim.support.integers import runs_of
+from coopsim.support.arrays import runs_of
 
 _WIDTH = 100
 

@@ -20,7 +20,7 @@ from coopsim.bench.store.fingerprint import package_digest, package_versions
 from coopsim.catalog import PolicySpec
 from coopsim.config.load import load
 from coopsim.errors import StoreError, UnknownNameError
-from coopsim.support.weights_watch import watch_weights
+from coopsim.support.precision import watch_weights
 
 _INFINITE = "inf"
 """Infinity in JSON, which has no number for it."""

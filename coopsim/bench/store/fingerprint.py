@@ -248,7 +248,7 @@ def _has_cameras(scenario: str, options: Mapping[str, Any], needs: Any) -> bool:
 @cache
 def _renderer(name: str) -> dict[str, Any]:
     """Return the renderer that an option means on this machine, and the versions of the packages that it draws with."""
-    from coopsim.sensors.camera.renderers.choice import resolved_renderer
+    from coopsim.sensors.camera.renderers import resolved_renderer
 
     return {"name": resolved_renderer(name), "packages": _installed_versions(_DRAWING)}
 

@@ -24,8 +24,8 @@ class Bandwidth:
         rate_bit_s: bits per second, above the envelope: a message of B bytes takes `8 B / rate_bit_s`.
         medium: "shared" (all agents send one after another, and a broadcast is sent once), or "link" (each sender to
             each receiver has the rate for itself).
-        order: which waiting message is sent next: "in_order" (the one that has waited longest), or "newest_first" (the
-            newest of the sender whose turn was longest ago, so that no sender starves).
+        order: message sent next: "in_order" (the one that has waited longest), or "newest_first" (the newest of the
+            sender whose turn was longest ago, so that no sender starves).
         max_wait_s: a message that has waited longer at its turn is dropped and counted as lost; inf: no limit.
     """
 
@@ -58,11 +58,8 @@ class _Waiting(Generic[T]):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Departure(Generic[T]):
-    """Content that left the queue of a medium.
-
-    Attributes:
-        content: as it was put in.
-        sent_ns: time at which its last bit was on the air; None: it was dropped.
+    """Content that left the queue of a medium, and the time (ns) at which its last bit was on the air; None: it was
+    dropped.
     """
 
     content: T
@@ -70,7 +67,7 @@ class Departure(Generic[T]):
 
 
 class Medium(Generic[T]):
-    """One server and its queue; a message that is being sent is never interrupted.
+    """Server with a queue; a message that is being sent is never interrupted.
 
     Contents may be put in in any order of `since_ns`, but none before the latest `before_ns` given to `departures`.
     """

@@ -9,6 +9,7 @@ A broadcast is one event for all receivers that it reaches alike, so an ideal ch
 from __future__ import annotations
 
 import heapq
+import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -17,18 +18,33 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from coopsim.comms.channel.bandwidth import Medium
-from coopsim.comms.channel.channel_config import ChannelConfig
-from coopsim.comms.channel.clock import AgentClock
-from coopsim.comms.channel.link import Link
-from coopsim.comms.channel.link_counts import ChannelCounts, LinkCounts
-from coopsim.comms.channel.reach import out_of_range
+from coopsim.comms.channel.channel_config import AgentClock, ChannelConfig
+from coopsim.comms.channel.link import ChannelCounts, Link, LinkCounts
 from coopsim.comms.envelope import decode_message, encode_message
-from coopsim.comms.radio.air import Air, LinkName
-from coopsim.comms.radio.obstruction import Surroundings
+from coopsim.comms.radio.obstruction import RadioScene
+from coopsim.comms.radio.reception import LinkName, RadioReception
 from coopsim.errors import CodecError
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.types import Ints, Mask, Message, seconds_to_ns
+
+_ROUNDING = 1e-9
+"""Relative difference from the range below which a distance is computed by itself, so that no pair depends on how many
+there are."""
+
+
+def out_of_range(places_m: Floats, range_m: float) -> Mask:
+    """Return the mask (A, A) of pairs of agents at (A, 3) m that are farther apart than `range_m`."""
+    if math.isinf(range_m):
+        return np.zeros((len(places_m), len(places_m)), dtype=np.bool_)
+    apart = places_m[:, None] - places_m
+    square = np.einsum("ijk,ijk->ij", apart, apart)
+    far: Mask = square > range_m**2
+    near = np.abs(square - range_m**2) <= _ROUNDING * range_m**2
+    for i, j in np.argwhere(near).tolist() if near.any() else ():
+        far[i, j] = math.sqrt(apart[i, j].dot(apart[i, j])) > range_m
+    return far
+
 
 __all__ = ["Channel", "ChannelConfig", "ChannelCounts"]
 
@@ -57,13 +73,8 @@ class _Wire:
 class _Transmission:
     """Message to some receivers that is delivered to all alike, unless it waits too long for the medium.
 
-    Attributes:
-        number: of the broadcast, in the order of sending.
-        sender: its number in the counts.
-        receivers: (N,) their numbers in the counts.
-        names: of the receivers.
-        wire: as it arrives.
-        delays_ns: of the message, and of its duplicate if any.
+    Sender and `receivers` (N,) are their numbers in the counts; `names` are the receivers', `delays_ns` those of the
+    message and of its duplicate if any. `number` counts broadcasts in the order of sending.
     """
 
     number: int
@@ -82,16 +93,10 @@ class _Transmission:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fan:
-    """The links of one sender to all others.
+    """Links of one sender to all N others.
 
-    Attributes:
-        sender: its number in the counts.
-        names: of the receivers.
-        places: (N,) of the receivers among all agents.
-        receivers: (N,) their numbers in the counts.
-        links: to each receiver.
-        wired: (N,) which of them are cables.
-        certain_delays_ns: the delays of every message on all links alike, if nothing is drawn (see `Link`), or None.
+    Sender and `receivers` (N,) are their numbers in the counts, `places` (N,) the receivers' among all agents; `wired`
+    (N,) marks cables. `certain_delays_ns` is that of all links alike, if nothing is drawn (see `Link`), or None.
     """
 
     sender: int
@@ -115,7 +120,7 @@ class Channel:
         self._links: dict[LinkName, Link] = {}
         self._agents: tuple[str, ...] = ()
         self._fans: dict[str, _Fan] = {}  # between these agents, by sender
-        self._air = None if config.radio is None else Air(config.radio, seed)
+        self._reception_model = None if config.radio is None else RadioReception(config.radio, seed)
         self._media: dict[LinkName | None, Medium[tuple[_Transmission, ...]]] = {}
         # Due time, number of the broadcast, copy, serial number, and what arrives: a heap.
         self._arrivals: list[tuple[int, int, int, int, _Transmission]] = []
@@ -130,20 +135,16 @@ class Channel:
         messages: Sequence[Message],
         now_ns: int,
         positions: Mapping[str, Floats],
-        around: Surroundings | None = None,
+        around: RadioScene | None = None,
     ) -> None:
         """Broadcast the messages of one moment, except for those of senders whose clocks have not ticked.
 
-        Calls must be in order of time.
-
-        Args:
-            messages: at most one per agent; their capture times are replaced by the stamps of the senders' clocks.
-            now_ns: true time.
-            positions: true positions (3,) m of all agents, in one frame.
-            around: antennas and obstacles, used if the channel has a radio; None: all links are free.
+        Calls must be in order of time. Capture times are replaced by the stamps of the senders' clocks, at most one
+        message per agent. Positions are true ones (3,) m of all agents, in one frame; `around` is used if the channel
+        has a radio.
         """
         wires = {message.sender: self._stamped(message) for message in messages if self._ticks(message.sender, now_ns)}
-        probabilities = self._reception_probabilities(wires, around or Surroundings(positions))
+        probabilities = self._reception_probabilities(wires, around or RadioScene(positions))
         agents = tuple(positions)
         far = out_of_range(np.array([*positions.values()]).reshape(-1, 3), self._config.range_m)
         for sender, wire in wires.items():
@@ -218,26 +219,19 @@ class Channel:
             )
         return self._fans[sender]
 
-    def _reception_probabilities(self, wires: Mapping[str, bytes], around: Surroundings) -> Mapping[LinkName, float]:
+    def _reception_probabilities(self, wires: Mapping[str, bytes], around: RadioScene) -> Mapping[LinkName, float]:
         """Return the radio's reception probabilities by link; senders with wired links only are not on the air."""
-        if self._air is None:
+        if self._reception_model is None:
             return {}
         on_air = {
             sender: len(wire)
             for sender, wire in wires.items()
             if not all(self._link(sender, other).wired for other in around.antennas if other != sender)
         }
-        return self._air.reception_probabilities(on_air, around)
+        return self._reception_model.reception_probabilities(on_air, around)
 
     def _reception(self, sender: str, fan: _Fan, far: Mask, probabilities: Mapping[LinkName, float]) -> Floats:
-        """Return the probability (N,) that each receiver's radio receives a message; 0 out of range.
-
-        Args:
-            sender: its name.
-            fan: its links.
-            far: (A,) which of all agents are out of its range.
-            probabilities: of the radio, by link.
-        """
+        """Return the probability (N,) of reception by each receiver's radio; 0 for agents that are `far` (A,)."""
         received = np.ones(len(fan.names))
         if probabilities:
             received[:] = [probabilities.get((sender, name), 1.0) for name in fan.names]
@@ -248,10 +242,7 @@ class Channel:
     def _transmit(self, fan: _Fan, wire: bytes, reception: Floats) -> list[_Transmission]:
         """Draw the fate of a message on each link, and return a transmission for all links with the same fate.
 
-        Args:
-            fan: the sender's links.
-            wire: the message.
-            reception: (N,) the radio's probability of reception.
+        `reception` (N,) is the radio's probability of reception.
         """
         self._counts.add(fan.sender, fan.receivers, "sent")
         number, intact = self._broadcasts, _Wire(wire)

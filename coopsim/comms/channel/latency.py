@@ -70,13 +70,8 @@ def fixed_delay_ns(latency: Latency) -> int | None:
 
 
 @dataclass(frozen=True, slots=True)
-class _ByMoments(Latency):
-    """Positive delay by mean and standard deviation.
-
-    Attributes:
-        mean_s: mean, in [1e-9, `MOST_S`].
-        jitter_s: standard deviation, in [0, `MOST_S`].
-    """
+class _PositiveLatency(Latency):
+    """Positive delay by mean, in [1e-9, `MOST_S`], and standard deviation, in [0, `MOST_S`]."""
 
     mean_s: float
     jitter_s: float
@@ -87,7 +82,7 @@ class _ByMoments(Latency):
 
 
 @dataclass(frozen=True, slots=True)
-class LogNormalLatency(_ByMoments):
+class LogNormalLatency(_PositiveLatency):
     """Log-normal delay by mean (s) and standard deviation (s): never negative, with a long tail."""
 
     def delay_s(self, normal: float) -> float:
@@ -97,7 +92,7 @@ class LogNormalLatency(_ByMoments):
 
 
 @dataclass(frozen=True, slots=True)
-class GammaLatency(_ByMoments):
+class GammaLatency(_PositiveLatency):
     """Gamma-distributed delay by mean (s) and standard deviation (s): never negative, lighter tail than log-normal."""
 
     def delay_s(self, normal: float) -> float:

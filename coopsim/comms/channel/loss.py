@@ -16,11 +16,9 @@ class Loss(ABC):
 
     @abstractmethod
     def draw(self, rng: np.random.Generator, burst: bool | None) -> tuple[bool, bool]:
-        """Return whether the next message is lost, and whether the link is in a burst of losses.
+        """Return flags of the next message's loss and of a burst of losses on the link, drawn from the link's stream.
 
-        Args:
-            rng: the link's stream.
-            burst: whether it was in a burst at the previous message; None: this is the first.
+        `burst` is the flag at the previous message; None: this is the first.
         """
 
 
@@ -29,7 +27,7 @@ class BernoulliLoss(Loss):
     """Independent losses of each message on each link.
 
     Attributes:
-        probability: of a loss, in [0, 1].
+        probability: share of lost messages, in [0, 1].
     """
 
     probability: float = 0.0

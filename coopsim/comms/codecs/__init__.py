@@ -1,25 +1,22 @@
-"""The codecs, one module each. Importing this registers them in `coopsim.comms.codecs.codec.CODECS`."""
+"""Codecs: content as payload bytes and back. Importing registers them in `coopsim.comms.codecs.codec.CODECS`.
+
+Input is a typed content (`Detections`, `PointCloud`, `FeatureMap`, ...), output its bytes. Start with `codec.py`.
+"""
 
 from coopsim.comms.codecs import (
-    compact_codec,
     cpm_codec,
     detection_codec,
     feature_codec,
     point_codec,
     query_codec,
-    sparse_feature_codec,
     track_codec,
-    voxel_codec,
 )
 
 __all__ = [
-    "compact_codec",
     "cpm_codec",
     "detection_codec",
     "feature_codec",
     "point_codec",
     "query_codec",
-    "sparse_feature_codec",
     "track_codec",
-    "voxel_codec",
 ]

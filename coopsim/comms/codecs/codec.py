@@ -75,7 +75,7 @@ class Codec(ABC, Generic[T]):
 
     @property
     def divisible(self) -> bool:
-        """Whether the codec can leave out the least useful part of its content, see `encode_within`."""
+        """Flag of a codec that can leave out the least useful part of its content, see `encode_within`."""
         return type(self).encode_within is not Codec.encode_within
 
 
@@ -102,17 +102,10 @@ def require_codec(name: str, content: str) -> None:
 
 
 def make_codec(spec: object, content: str) -> tuple[str, Codec[Any]]:
-    """Make a codec by its spec, as `sparse_features(most_cells=500, number=int8)`.
-
-    Args:
-        spec: name and parameters.
-        content: the kind of content that it must carry.
-
-    Returns:
-        Its name, and the codec.
+    """Make a codec by its spec, such as `sparse_features(most_cells=500, number=int8)`; return its name and the codec.
 
     Raises:
-        UnknownNameError: there is no such codec for this content, or no such parameter.
+        UnknownNameError: there is no such codec for this kind of content, or no such parameter.
         InvalidValueError: the spec has another shape, or the value of a parameter is not accepted.
         MissingDependencyError: the codec needs a package that is not installed.
     """
@@ -126,10 +119,7 @@ def make_codec(spec: object, content: str) -> tuple[str, Codec[Any]]:
 def encode_prefix(encode: Callable[[int], bytes], count: int, budget_bytes: int) -> bytes:
     """Return the payload of as many leading rows as a budget holds, by bisection; without rows if not even one fits.
 
-    Args:
-        encode: the payload of the first N rows, whose length grows with N.
-        count: the number of rows.
-        budget_bytes: the most bytes of the payload.
+    The length of `encode(N)`, the payload of the first N of `count` rows, grows with N.
     """
     whole = encode(count)
     if len(whole) <= budget_bytes or not count:
@@ -171,8 +161,7 @@ def unpack_head(payload: bytes, head: struct.Struct, what: str) -> tuple[Any, ..
 def inflate(block: bytes, size: int, what: str) -> bytes:
     """Inflate a zlib stream (RFC 1950) of exactly `size` bytes; never inflates more, so a bomb does no harm.
 
-    Raises:
-        CodecError: the block is no zlib stream, has another size, or something follows the stream.
+    Raises `CodecError` for a block that is no zlib stream, has another size, or goes on after the stream.
     """
     stream = zlib.decompressobj()
     try:

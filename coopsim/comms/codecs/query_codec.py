@@ -12,7 +12,7 @@ import numpy as np
 
 from coopsim.comms.codecs.codec import CODECS, MOST_ROWS, encode_prefix, unpack_head
 from coopsim.comms.codecs.detection_codec import OBJECT_ROW, object_rows, require_objects, valid_objects
-from coopsim.comms.codecs.feature_values import (
+from coopsim.comms.codecs.feature_codec import (
     MOST_VALUES,
     FeatureCodec,
     feature_number,

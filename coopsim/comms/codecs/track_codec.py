@@ -44,11 +44,7 @@ class TracksCodec(Codec[TrackEstimates]):
     limit_bytes = 64 * 2**20
 
     def encode(self, content: TrackEstimates) -> bytes:
-        """Return the payload.
-
-        Raises:
-            CodecError: there are too many tracks, or one that `sendable` excludes.
-        """
+        """Return the payload; raise `CodecError` for too many tracks, or for one that `sendable` excludes."""
         if not (good := sendable(content)).all():
             raise CodecError(f"track {int(np.argmin(good))} cannot be sent: {_ACCEPTED}")
         rows = np.empty(len(content), dtype=_ROW)

@@ -18,12 +18,9 @@ LinkState = Literal["LOS", "NLOSv", "NLOS"]
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
-    """Line of sight between two antennas.
-
-    Attributes:
-        state: kind of obstruction.
-        above: number of the two antennas that are higher than the highest vehicle in the way; 2 without vehicles.
+class Obstruction:
+    """Kind of obstruction between two antennas, and the number of them above the highest vehicle in the way (2 without
+    any).
     """
 
     state: LinkState = "LOS"
@@ -31,12 +28,12 @@ class Sight:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surroundings:
+class RadioScene:
     """Antennas and obstacles at one moment, in the world frame.
 
     Attributes:
         antennas: (3,) m by agent.
-        carriers: id of the actor that carries an agent, which does not obstruct its antenna; None for a mast.
+        carriers: id of the actor that carries an agent, which does not obstruct its antenna; None for a roadside unit.
         vehicles: M boxes.
         vehicle_id: (M,) ids of the vehicles' actors.
         walls: (W, 2, 2) m, the two ends of each wall of the buildings, which are higher than any antenna.
@@ -49,7 +46,7 @@ class Surroundings:
     walls: Floats = field(default_factory=lambda: np.zeros((0, 2, 2)))
 
     @classmethod
-    def of(cls, bodies: Mapping[str, AgentBody], actors: Actors, buildings: Sequence[Floats]) -> Surroundings:
+    def of(cls, bodies: Mapping[str, AgentBody], actors: Actors, buildings: Sequence[Floats]) -> RadioScene:
         """Make the surroundings of agents with antennas on top, among actors and footprints (K, 2) m of buildings."""
         up = {name: np.array([0.0, 0.0, body.height_m]) for name, body in bodies.items()}
         walls = [np.stack([footprint, np.roll(footprint, -1, axis=0)], axis=1) for footprint in buildings]
@@ -61,19 +58,19 @@ class Surroundings:
             np.concatenate([np.zeros((0, 2, 2)), *walls]),
         )
 
-    def between(self, sender: str, receiver: str) -> Sight:
+    def between(self, sender: str, receiver: str) -> Obstruction:
         """Return the obstruction of the straight line between two agents' antennas; the same in both directions."""
         start, end = self.antennas[sender], self.antennas[receiver]
         if _crossed(start[:2], end[:2], self.walls).any():
-            return Sight("NLOS", 0)
+            return Obstruction("NLOS", 0)
         carriers = [
             carrier for carrier in (self.carriers.get(sender), self.carriers.get(receiver)) if carrier is not None
         ]
         blocks = _cut(start, end, self.vehicles) & ~np.isin(self.vehicle_id, carriers)
         if not blocks.any():
-            return Sight()
+            return Obstruction()
         top_m = float((self.vehicles.center[blocks, 2] + self.vehicles.size[blocks, 2] / 2).max())
-        return Sight("NLOSv", int(start[2] > top_m) + int(end[2] > top_m))
+        return Obstruction("NLOSv", int(start[2] > top_m) + int(end[2] > top_m))
 
 
 def _crossed(start: Floats, end: Floats, walls: Floats) -> Mask:

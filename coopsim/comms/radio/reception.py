@@ -1,49 +1,80 @@
-"""Block error curves of the LTE-V2X sidelink over SNR.
-
-They come from link-level simulations of blocks of 350 bytes over fading channels, shipped with WiLabV2Xsim (Todisco et
-al. 2021, IEEE Access 9; folder `PERcurves`, files `G5-*/PER_LTE_MCS*_350B.txt`). Each is given here by the normal
-distribution function that fits it best, which is within 0.03 of every point of its table. The curves contain fast
-fading but no shadowing.
-"""
+"""Reception of the messages of one moment over the radio, with interference between them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from itertools import product
 
-from scipy.special import ndtr
+import numpy as np
 
-from coopsim.geometry.se3 import Floats
+from coopsim.comms.radio.obstruction import Obstruction, RadioScene
+from coopsim.comms.radio.radio_config import DECORRELATION_M, Fading, Radio
+from coopsim.support.rng import stream
+from coopsim.types import Ints
 
-TABLE_BLOCK_BYTES = 350
-"""Size of the blocks in the tables."""
+LinkName = tuple[str, str]
+"""Sender and receiver."""
 
 
-@dataclass(frozen=True, slots=True)
-class ErrorCurve:
-    """Probability that a block is received: a normal distribution function of SNR.
+class RadioReception:
+    """Reception of one episode by radio, with interference.
 
-    Attributes:
-        half_db: SNR at which it is 50 %.
-        spread_db: additional SNR at which it is 84 %.
+    With `Radio.slots`, every message begins in a random slot and takes a slot for each block, cyclically. In a slot an
+    agent either sends or receives (half duplex), and all other senders in the slot interfere. This is C-V2X's mode 4
+    with random selection: without sensing, without repetitions. Shadowing has a stream for each pair of agents: it is
+    the same in both directions.
     """
 
-    half_db: float
-    spread_db: float
+    def __init__(self, radio: Radio, seed: int) -> None:
+        self._radio, self._seed = radio, seed
+        self._fading: dict[LinkName, Fading] = {}
+        self._luck: dict[str, np.random.Generator] = {}
 
-    def delivery(self, snr_db: Floats) -> Floats:
-        """Return the probability that a block is received, in [0, 1], elementwise."""
-        probability: Floats = ndtr((snr_db - self.half_db) / self.spread_db)
-        return probability
+    def reception_probabilities(self, sizes_bytes: Mapping[str, int], around: RadioScene) -> dict[LinkName, float]:
+        """Return the probability of reception by link, for messages of these sizes by sender."""
+        taken = {sender: self._slots(sender, self._radio.blocks(size)) for sender, size in sizes_bytes.items()}
+        pairs = {_pair(*ends) for ends in product(taken, around.antennas) if ends[0] != ends[1]}
+        levels = {pair: self._received(*pair, around) for pair in pairs}
+        probabilities: dict[LinkName, float] = {}
+        for receiver in around.antennas:
+            signals = {sender: levels[_pair(sender, receiver)] for sender in taken if sender != receiver}
+            for sender, (dbm, obstruction) in signals.items():
+                others = [other for other in signals if other != sender] if self._radio.slots else []
+                noise_mw = _milliwatts(self._radio.noise_dbm) + np.zeros(len(taken[sender]))
+                for other in others:
+                    noise_mw += _milliwatts(signals[other][0]) * (taken[other] > 0)
+                received = self._radio.curve(obstruction).delivery(dbm - 10 * np.log10(noise_mw))
+                if self._radio.slots and receiver in taken:
+                    received = np.where(taken[receiver] > 0, 0.0, received)
+                probabilities[sender, receiver] = float(np.prod(received ** taken[sender]))
+        return probabilities
+
+    def _slots(self, sender: str, blocks: int) -> Ints:
+        """Draw the number of a message's blocks in each slot, (S,); without slots, S = 1."""
+        count = self._radio.slots
+        if count is None:
+            return np.array([blocks])
+        if sender not in self._luck:
+            self._luck[sender] = stream(self._seed, "slot", sender)
+        taken = self._luck[sender].integers(count) + np.arange(blocks)
+        return np.bincount(taken % count, minlength=count)
+
+    def _received(self, first: str, second: str, around: RadioScene) -> tuple[float, Obstruction]:
+        """Return the power (dBm) that each of a pair receives of the other, and the obstruction between them."""
+        if (first, second) not in self._fading:
+            rng = stream(self._seed, "shadowing", first, second)
+            self._fading[first, second] = Fading(rng)
+        ends_m = np.stack([around.antennas[first], around.antennas[second]])
+        obstruction = around.between(first, second)
+        distance_m = float(np.linalg.norm(ends_m[1] - ends_m[0]))
+        fading = self._fading[first, second].at(ends_m, DECORRELATION_M[obstruction.state])
+        return self._radio.received_dbm(distance_m, obstruction, fading), obstruction
 
 
-ERROR_CURVES = {
-    ("urban", "free"): {4: ErrorCurve(-0.85, 1.23), 7: ErrorCurve(2.85, 1.52), 11: ErrorCurve(5.98, 1.86)},
-    ("urban", "blocked"): {4: ErrorCurve(1.21, 1.23), 7: ErrorCurve(5.11, 1.37), 11: ErrorCurve(8.45, 1.57)},
-    ("highway", "free"): {4: ErrorCurve(-1.58, 1.26), 7: ErrorCurve(2.09, 1.45), 11: ErrorCurve(5.20, 1.62)},
-    ("highway", "blocked"): {4: ErrorCurve(1.77, 1.16), 7: ErrorCurve(5.71, 1.20), 11: ErrorCurve(9.04, 1.53)},
-}
-"""By scene and line of sight, then by modulation and coding scheme: the tables `G5-UrbanLOS`, `G5-CrossingNLOS`,
-`G5-HighwayLOS` and `G5-HighwayNLOS`. 4 and 7 are QPSK, 11 is 16-QAM."""
+def _pair(one: str, other: str) -> LinkName:
+    """Return the key of two agents, in either order."""
+    return min(one, other), max(one, other)
 
-SCHEMES = (4, 7, 11)
-"""LTE's modulation and coding schemes for which there are curves."""
+
+def _milliwatts(dbm: float) -> float:
+    return 10 ** (dbm / 10)

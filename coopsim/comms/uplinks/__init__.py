@@ -1,4 +1,7 @@
-"""Uplinks: the messages that agents make of their observations. Importing registers them."""
+"""Uplinks: the content that agents share of their observations. Importing registers them.
+
+Input is an agent's `Observation`, output its `Message`. Start with `uplink.py`; each `share_*.py` has one kind.
+"""
 
 from coopsim.comms.uplinks import share_detections, share_features, share_points, share_tracks
 

@@ -14,15 +14,15 @@ _LOW_M = 0.2
 
 @UPLINKS.register("points")
 class SharePoints(ContentUplink[PointCloud]):
-    """The points of all of an agent's sweeps in its base frame, with its estimate of its pose.
+    """Points of all of an agent's sweeps in its base frame, with its estimate of its pose.
 
     An agent without a LiDAR sends an empty cloud.
 
     Args:
         keep: fraction of the points to send, evenly spaced in the order of firing, in (0, 1].
-        keep_low: the same for points less than 0.2 m above the agent's ground, in [0, 1]: there is little but ground,
-            and it is half of all points.
         codec: the spec of a codec for points, or one as an object.
+        keep_low: fraction of points less than 0.2 m above the agent's ground, in [0, 1]: there is little but ground,
+            and it is half of all points. None: `keep`.
     """
 
     content = "points"

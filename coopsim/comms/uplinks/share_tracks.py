@@ -17,12 +17,10 @@ TrackOwn = Callable[[str, Observation], TrackEstimates]
 
 @UPLINKS.register("tracks")
 class ShareTracks(ContentUplink[TrackEstimates]):
-    """The tracks of an agent's own detections in its base frame, with its estimate of its pose.
+    """Tracks of an agent's own detections in its base frame, with its estimate of its pose.
 
-    No message reaches these tracks, so no agent receives an echo of its own.
-
-    Args:
-        track: makes the tracks of an agent; None: an `OnBoardTracker` each.
+    No message reaches these tracks, so no agent receives an echo of its own. Without a function `track`, each agent has
+    an `OnBoardTracker`.
     """
 
     content = "tracks"
@@ -37,11 +35,7 @@ class ShareTracks(ContentUplink[TrackEstimates]):
 
 
 class OwnTracks:
-    """On-board trackers of any number of agents, stepped once per frame, whether the uplink asks first or the policy.
-
-    Args:
-        make_tracker: a new tracker, for one agent and one episode.
-    """
+    """On-board trackers of many agents, stepped once per frame, whether uplink or policy asks first."""
 
     def __init__(self, make_tracker: Callable[[], OnBoardTracker] = OnBoardTracker) -> None:
         self._steps = StepOnce(make_tracker, OnBoardTracker.step)

@@ -50,7 +50,7 @@ class Uplink(ABC):
         By default `message` is asked for each sender. Override it to compute all senders in one batch.
 
         Args:
-            observations: of the agents that this object serves, by name.
+            observations: observations by name, for the agents that this object serves.
         """
         made = {sender: self.message(sender, observation) for sender, observation in observations.items()}
         return {sender: message for sender, message in made.items() if message is not None}
@@ -108,12 +108,7 @@ class ContentUplink(Uplink, Generic[T]):
         }
 
     def encode_content(self, sender: str, content: T) -> bytes:
-        """Return the payload of the content of `sender`.
-
-        Raises:
-            CodecError: the codec cannot carry the content within its error bounds.
-            InvalidValueError: the content is of another class than the codec's.
-        """
+        """Return the payload of the content of `sender`; raise unless the codec can carry it."""
         try:
             return self.codec.encode(content)
         except (AttributeError, TypeError) as error:
@@ -128,7 +123,7 @@ class ContentUplink(Uplink, Generic[T]):
 
 
 class Silence(Uplink):
-    """Nothing is sent."""
+    """Uplink that sends nothing."""
 
     content = "none"
 
@@ -147,11 +142,7 @@ The spec has the option `codec`, but not yet an uplink."""
 
 
 def named_uplink(spec: str, codec: str | None = None) -> Uplink:
-    """Make an uplink by its spec, as `points(keep=0.5)`.
-
-    Args:
-        spec: name and parameters.
-        codec: the spec of its codec; None: its own choice.
+    """Make an uplink by its spec, such as `points(keep=0.5)`, with the spec of its codec; None: its own choice.
 
     Raises:
         UnknownNameError: there is no such uplink, parameter, or codec for its content.
@@ -185,8 +176,7 @@ def uplink_factory(option: Any, codec: str | None = None) -> MakeUplink:
     """Return the factory for a value of the option `uplink`: a spec, a factory, or a policy.
 
     Raises:
-        InvalidValueError: the value is none of these.
-        CoopsimError: as `named_uplink` does.
+        InvalidValueError: the value is none of these, or the spec is refused (see `named_uplink`).
     """
     if isinstance(option, str):
         named_uplink(option, codec)  # refused now, not when the first episode begins

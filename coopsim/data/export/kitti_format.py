@@ -17,7 +17,7 @@ from coopsim.data.kitti import AXES_SE3_CAMERA
 from coopsim.data.recordings.kitti_tracking_folder import EARTH_M
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
-from coopsim.sensors.camera.crops import rectangles
+from coopsim.sensors.camera.projection import rectangles
 from coopsim.support.checks import require_choice
 from coopsim.support.files import make_folder, write_whole, write_whole_bytes
 from coopsim.types import NS_PER_S, AgentSpec, CameraCalibration, ObjectClass

@@ -15,7 +15,7 @@ from coopsim.data.files.pcd import encode_rgb_pcd
 from coopsim.data.files.pictures import encode_png
 from coopsim.data.recordings.opv2v_folder import EXTRA_NUMBER
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.sensors.lidar.tally import count_instances
+from coopsim.sensors.lidar.returns import count_instances
 from coopsim.support.files import make_folder, write_whole, write_whole_bytes
 from coopsim.types import CLASS_NAMES, AgentSpec, ObjectClass
 from coopsim.types.taxonomy import Superclass

@@ -19,7 +19,7 @@ from coopsim.data.files.pictures import encode_jpeg
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, wrap_angle
-from coopsim.sensors.camera.crops import rectangles
+from coopsim.sensors.camera.projection import rectangles
 from coopsim.support.checks import require_choice
 from coopsim.support.files import make_folder, write_whole, write_whole_bytes
 from coopsim.types import AgentSpec, Ints, Mask, ObjectClass

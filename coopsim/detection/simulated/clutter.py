@@ -15,10 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from coopsim.detection.simulated.confusion import ClassConfusion, confuse
-from coopsim.detection.simulated.curves import Curve, DetectionModel, ScoreModel, require_parts
-from coopsim.detection.simulated.draws import uniform_at
-from coopsim.detection.simulated.persistence import Persistence, PersistentNormals
+from coopsim.detection.simulated.curves import ClassConfusion, Curve, DetectionModel, ScoreModel, confuse, require_parts
+from coopsim.detection.simulated.persistence import Persistence, PersistentNormals, uniform_at
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats, SE3Batch, wrap_angle
@@ -41,9 +39,9 @@ class ClutterConfig:
 
     Attributes:
         density_per_m2: phantoms per square metre of the world, in [0, 0.01].
-        detection: how a phantom is reported: probability over the range in m, and its persistence.
+        detection: a phantom's probability of being reported over the range in m, and its persistence.
         score: its score.
-        life_s: for how long each phantom exists.
+        life_s: time for which each phantom exists.
         density_spread: standard deviation of an episode's density relative to the mean (gamma-distributed).
         size_m: mean length, width and height.
         size_noise: standard deviation of their logarithms.
@@ -81,27 +79,18 @@ class ClutterConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FalsePositives:
-    """The false positives of all agents in one frame, N in number, each in its agent's base frame.
-
-    Attributes:
-        owner: (N,) which of the agents that were asked reports each; rising.
-        detections: the reported boxes.
-    """
+    """False positives of all agents in one frame, in base frames, and the numbers (N,) of their agents."""
 
     owner: Ints
     detections: Detections
 
 
 class Clutter:
-    """The false positives of all agents over one episode; asked once in each frame, in order.
+    """False positives of A agents over one episode; asked once in each frame, in order.
 
-    Args:
-        config: the phantoms.
-        seed: the episode's seed, which also decides where the phantoms are.
-        agents: A names, which own the evidence.
-        dt_s: (A,) time between two frames of each agent.
-        reach_m: (2,) half the length and width of the detector's field of view.
-        confusion: how classes are confused; None: all phantoms are reported as cars.
+    The episode's seed also decides where the phantoms are. `dt_s` (A,) is the time between two frames of each agent,
+    `reach_m` (2,) half the length and width of the detector's field of view. Without confusion all are reported as
+    cars.
     """
 
     def __init__(
@@ -144,13 +133,8 @@ class Clutter:
     ) -> FalsePositives:
         """Report the false positives of a frame.
 
-        Args:
-            asked: (B,) the agents whose frame it is, as distinct indices.
-            world_SE3_base: the true poses of these.
-            base_SE3_world: their inverses.
-            start: (B + 1,) where each one's real objects begin in `solid_m`.
-            solid_m: (N, 2) centers of real objects, in the agents' base frames; no phantom is reported near one.
-            room_m: least distance from the center of a real object.
+        The agents `asked` (B,) have true poses and their inverses. Their real objects have centers `solid_m` (N, 2) in
+        the base frames, each agent's from `start` (B + 1,) on; no phantom is reported within `room_m` of one.
         """
         at_m = np.array([pose.translation[:2] for pose in world_SE3_base]).reshape(-1, 2)
         lived = self._frame[asked] * self._lives_per_frame[asked]
@@ -174,7 +158,7 @@ class Clutter:
     def _label(self, keys: NDArray[np.uint64], ids: Ints) -> Ints:
         """Return the reported classes of phantoms: those of cars, confused for a phantom's whole life."""
         label = np.full(len(ids), int(ObjectClass.CAR))
-        return label if self._levels is None else confuse(self._levels, label, _single_draws(keys, ids))
+        return label if self._levels is None else confuse(self._levels, label, _uniform_by_key(keys, ids))
 
     def _boxes(self, center: Floats, floor_m: Floats, looks: Floats, jitter: Floats) -> Boxes3D:
         size = np.array(self._config.size_m) * np.exp(self._config.size_noise * ndtri(looks[:, :3] + _TINY))
@@ -187,17 +171,11 @@ class Clutter:
 def _phantoms(
     at_m: Floats, around: Ints, lived: Floats, keys: NDArray[np.uint64], share: float
 ) -> tuple[Ints, Ints, Floats, Floats]:
-    """Return the phantoms around places (B, 2) now.
+    """Return the phantoms around places (B, 2) of the world: first of each place (B + 1,), ids, world positions, four
+    numbers.
 
-    Args:
-        at_m: (B, 2) the places, in the world frame.
-        around: (C, 2) offsets of the cells to look at.
-        lived: (B,) lives that have passed since the episode's start.
-        keys: (2,) of the draws of lives, and of the phantoms.
-        share: of the cells with a phantom.
-
-    Returns:
-        Where each place's phantoms begin (B + 1,), ids (N,), world positions (N, 2), uniform draws (N, 4).
+    Cells are looked at by their offsets `around` (C, 2); `share` of them have a phantom. `lived` (B,) lives have passed
+    since the episode's start. `keys` (2,) decide the lives, and the phantoms.
     """
     most = len(at_m) * len(around)
     begin, ids = np.zeros(len(at_m) + 1, np.int64), np.empty(most, np.int64)
@@ -225,10 +203,9 @@ def _phantoms(
 
 @njit(cache=True, nogil=True)
 def _move(begin: Ints, places_m: Floats, turn: Floats, shift: Floats) -> tuple[Ints, Floats]:
-    """Move places (N, 2) on the ground, of B agents, by each agent's rotation (B, 3, 3) and translation (B, 3).
+    """Move places (N, 2) on the ground by their agents' rotations (B, 3, 3) and translations (B, 3).
 
-    Returns:
-        The agent of each (N,), and where it is (N, 2).
+    Returns the number of each one's agent (N,), and the moved places (N, 2).
     """
     row, moved = np.empty(len(places_m), np.int64), np.empty_like(places_m)
     for b in range(len(begin) - 1):
@@ -254,8 +231,8 @@ def _is_free(center: Floats, row: Ints, start: Ints, solid_m: Floats, room_m: fl
 
 
 @njit(cache=True, nogil=True)
-def _single_draws(keys: NDArray[np.uint64], ids: Ints) -> Floats:
-    """Return one number (N,) of `uniform_draws` for each key (N,) and owner (N,)."""
+def _uniform_by_key(keys: NDArray[np.uint64], ids: Ints) -> Floats:
+    """Return one number (N,) of `uniform_numbers` for each key (N,) and owner (N,)."""
     drawn = np.empty(len(ids))
     for n in range(len(ids)):
         drawn[n] = uniform_at(keys[n], np.uint64(ids[n]), np.uint64(1), np.uint64(0))

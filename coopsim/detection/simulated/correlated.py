@@ -15,8 +15,14 @@ import numpy as np
 
 from coopsim.detection.oracle import Oracle, OracleDetector, Oracles, split_by_agent
 from coopsim.detection.simulated.clutter import Clutter, ClutterConfig
-from coopsim.detection.simulated.confusion import ClassConfusion, LabelNoise
-from coopsim.detection.simulated.curves import DetectionModel, ErrorModel, ScoreModel, require_parts
+from coopsim.detection.simulated.curves import (
+    ClassConfusion,
+    DetectionModel,
+    ErrorModel,
+    LabelNoise,
+    ScoreModel,
+    require_parts,
+)
 from coopsim.detection.simulated.persistence import PersistentNormals
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
@@ -37,14 +43,14 @@ class CorrelatedDetectorConfig:
     Attributes:
         reach_x_m: farthest detection ahead and behind.
         reach_y_m: farthest detection to the sides.
-        detection: how objects are detected: probability over the natural logarithm of the number of returns.
-        score: their scores.
+        detection: probability of detection over the natural logarithm of the number of returns.
+        score: model of the scores.
         errors: error models by name, one for each of `ERRORS`.
         min_points: fewest returns with which an object can be detected.
         clutter: false positives; None: there are none.
         heading_from_rad: for a detector that does not tell front from back: all headings it reports, in the agent's
             frame, are in the half turn that begins here. None: it tells them apart.
-        confusion: how classes are confused; None: every label is right, and false positives are cars.
+        confusion: confusion of classes; None: every label is right, and false positives are cars.
     """
 
     reach_x_m: float
@@ -80,7 +86,7 @@ class CorrelatedDetectorConfig:
         return np.array([self.reach_x_m, self.reach_y_m])
 
 
-class _Memory:
+class _PersistentErrors:
     """The persistent errors of all agents' detectors over one episode."""
 
     def __init__(self, config: CorrelatedDetectorConfig, seed: int, specs: Mapping[str, AgentSpec]) -> None:
@@ -104,12 +110,12 @@ class CorrelatedDetector(OracleDetector):
     def __init__(self, config: CorrelatedDetectorConfig) -> None:
         require_parts(CorrelatedDetectorConfig, config=config)
         self.config = config
-        self._memory = _Memory(config, 0, {})
+        self._persistent = _PersistentErrors(config, 0, {})
 
     def begin(self, specs: Mapping[str, AgentSpec], seed: int) -> Self:
         """Return a detector for one episode, with a memory for each agent."""
         begun = type(self)(self.config)
-        begun._memory = _Memory(self.config, seed, specs)
+        begun._persistent = _PersistentErrors(self.config, seed, specs)
         return begun
 
     def detect(self, view: SensorView, oracle: Oracle, rng: np.random.Generator) -> Detections:
@@ -129,7 +135,7 @@ class CorrelatedDetector(OracleDetector):
         return self._detect(Oracles.of(oracles, views))
 
     def _detect(self, oracles: Oracles) -> dict[str, Detections]:
-        memory, actors, start = self._memory, oracles.actors, oracles.start
+        memory, actors, start = self._persistent, oracles.actors, oracles.start
         for agent in oracles:
             if agent not in memory.row:
                 raise InvalidValueError(f"CorrelatedDetector has not begun an episode with {agent!r}: call begin")
@@ -149,13 +155,9 @@ class CorrelatedDetector(OracleDetector):
         return split_by_agent(real, oracles.agents, owner)
 
     def _report(self, boxes: Boxes3D, returns: Ints, label: Ints, normals: Floats) -> tuple[Ints, Detections]:
-        """Return which of N objects are detected (M,), and their detections.
+        """Return the rows (M,) of the detected among N objects, and their detections.
 
-        Args:
-            boxes: true ones.
-            returns: (N,) number of returns.
-            label: (N,) that is reported.
-            normals: (N, 9) standard normal numbers, of detection, score and `ERRORS`.
+        `returns` and reported `label` are (N,); `normals` (N, 9) are standard normal, of detection, score and `ERRORS`.
         """
         range_m = np.linalg.norm(boxes.center[:, :2], axis=1)
         disturbed = self._disturb(boxes, range_m, normals[:, 2:])

@@ -1,31 +1,28 @@
-"""The parts of a fitted detector: curves over range or returns, and models of detection, score and box errors."""
+"""Parts of a fitted detector: curves, and models of detection, score, box errors and class confusion."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from scipy.special import expit, ndtr, ndtri
 
-from coopsim.detection.simulated.persistence import Persistence
+from coopsim.detection.simulated.persistence import Persistence, PersistentNormals
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
-from coopsim.support.checks import require_between, require_finite_number
-from coopsim.types import Mask
+from coopsim.support.checks import require_between, require_choice, require_finite_number, require_probability
+from coopsim.types import Ints, Mask
+from coopsim.types.taxonomy import CLASS_NAMES
 
 _EDGE = 1e-12  # of probabilities, so that their normal quantiles are finite
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """A piecewise linear function; constant before its first point and after its last.
-
-    Attributes:
-        at: (K,) abscissas of the points, strictly rising.
-        value: (K,) ordinates.
-    """
+    """Piecewise linear function by K points at rising abscissas; constant before and after them."""
 
     at: tuple[float, ...]
     value: tuple[float, ...]
@@ -59,12 +56,9 @@ class Curve:
 class DetectionModel:
     """Model of the detection of an object (or a phantom) in a frame.
 
-    A Gaussian copula: a standard normal `evidence`, correlated over time, is compared with the quantile of
-    1 - probability. So misses come in runs, and some objects are always missed.
-
-    Attributes:
-        probability: probability of detection over the variable that decides it.
-        persistence: correlation of the evidence over time.
+    A Gaussian copula: a standard normal `evidence`, correlated over time by `persistence`, is compared with the
+    quantile of 1 - `probability`, a curve over the variable that decides it. So misses come in runs, and some objects
+    are always missed.
     """
 
     probability: Curve
@@ -76,14 +70,9 @@ class DetectionModel:
         self.probability.require_values("probability", 0, 1)
 
     def decide(self, probability: Floats, evidence: Floats) -> tuple[Mask, Floats]:
-        """Decide which objects are detected.
+        """Decide which objects are detected, by probability (N,) and standard normal evidence (N,).
 
-        Args:
-            probability: (N,) of detection.
-            evidence: (N,) standard normal.
-
-        Returns:
-            The mask (N,) of detected objects, and a margin (N,), standard normal among the detected.
+        Returns the mask (N,) of detected objects, and a margin (N,), standard normal among the detected.
         """
         level = ndtr(-evidence)  # uniform; the smaller, the more evidence
         margin: Floats = -ndtri(np.clip(level / np.maximum(probability, _EDGE), _EDGE, 1 - _EDGE))
@@ -92,7 +81,7 @@ class DetectionModel:
 
 @dataclass(frozen=True, slots=True)
 class ScoreModel:
-    """The score s of a detection: logit((s - `floor`) / (1 - `floor`)) is normal.
+    """Model of the score s of a detection: logit((s - `floor`) / (1 - `floor`)) is normal.
 
     Attributes:
         floor: the detector's threshold, below which nothing is reported; in [0, 1).
@@ -124,15 +113,11 @@ class ScoreModel:
 
 @dataclass(frozen=True, slots=True)
 class ErrorModel:
-    """The error x of one number of a box: x = `median` + `spread` * z * exp(`tail` * z^2 / 2), z standard normal.
+    """Model of the error x of one number of a box: x = `median` + `spread` * z * exp(`tail` * z^2 / 2), z standard
+    normal.
 
-    This is Tukey's h-distribution: the larger the tail, the more outliers; with 0 it is normal.
-
-    Attributes:
-        spread: over the range in m.
-        median: median error over the range in m.
-        tail: in [0, 0.5].
-        persistence: correlation of z over time.
+    This is Tukey's h-distribution: the larger the tail, in [0, 0.5], the more outliers; with 0 it is normal. Spread
+    and median are over the range in m, persistence is that of z.
     """
 
     spread: Curve
@@ -156,3 +141,72 @@ def require_parts(wanted: type[Any], **parts: object) -> None:
     for name, part in parts.items():
         if not isinstance(part, wanted):
             raise InvalidValueError(f"{name} must be a coopsim {wanted.__name__}, got {part!r}")
+
+
+@dataclass(frozen=True, slots=True)
+class ClassConfusion:
+    """Confusion matrix, and the duration of a confusion.
+
+    Attributes:
+        shares: share of the detections of a true class that are reported as another, by true and then by reported
+            class. The rest of each row is reported as it is.
+        persistence: correlation over time of the standard normal number that decides, for one agent and object.
+    """
+
+    shares: Mapping[str, Mapping[str, float]]
+    persistence: Persistence = field(default_factory=Persistence)
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.shares, Mapping) and all(isinstance(row, Mapping) for row in self.shares.values())):
+            raise InvalidValueError(f"shares must be a mapping of mappings by class, got {self.shares!r}")
+        if not isinstance(self.persistence, Persistence):
+            raise InvalidValueError(f"persistence must be a coopsim Persistence, got {self.persistence!r}")
+        for true, row in self.shares.items():
+            require_choice("class in shares", true, CLASS_NAMES)
+            for reported, share in row.items():
+                require_choice(f"class in shares of {true}", reported, CLASS_NAMES)
+                require_probability(**{f"share of {true} reported as {reported}": share})
+            if true in row or sum(row.values()) > 1:
+                raise InvalidValueError(f"shares of {true} must be of other classes and at most 1 together, got {row}")
+
+    @property
+    def matrix(self) -> Floats:
+        """The confusion matrix (9, 9): rows are true classes, columns reported ones; each row sums to 1."""
+        matrix = np.zeros((len(CLASS_NAMES), len(CLASS_NAMES)))
+        for true, row in self.shares.items():
+            for reported, share in row.items():
+                matrix[CLASS_NAMES.index(true), CLASS_NAMES.index(reported)] = share
+        np.fill_diagonal(matrix, 1.0 - matrix.sum(axis=1))
+        return matrix
+
+    @property
+    def levels(self) -> Floats:
+        """The matrix without its diagonal (9, 9), each row added up from its start: what `confuse` is given."""
+        others = self.matrix
+        np.fill_diagonal(others, 0.0)
+        levels: Floats = np.cumsum(others, axis=1)
+        return levels
+
+
+def confuse(levels: Floats, label: Ints, uniform: Floats) -> Ints:
+    """Return the reported labels (N,) for true labels (N,) and draws (N,), uniform in [0, 1]."""
+    row = levels[label]
+    wrong = uniform < row[:, -1]
+    reported: Ints = np.where(wrong, np.argmax(uniform[:, None] < row, axis=1), label)
+    return reported
+
+
+class LabelNoise:
+    """Class confusions of agents over one episode; call once per frame, in order."""
+
+    def __init__(self, config: ClassConfusion, seed: int, owners: Sequence[str], dt_s: Sequence[float]) -> None:
+        self._levels = config.levels
+        owners = [f"classes, {owner}" for owner in owners]
+        self._normals = PersistentNormals(seed, owners, (config.persistence,), dt_s)
+
+    def step(self, asked: Ints, start: Ints, ids: Ints, wanted: Ints, label: Ints) -> Ints:
+        """Return the labels (M,) that are reported for the objects `wanted`, whose true labels (M,) are given.
+
+        The other arguments are those of `PersistentNormals.step`.
+        """
+        return confuse(self._levels, label, ndtr(self._normals.step(asked, start, ids, wanted)[:, 0]))

@@ -10,13 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from coopsim.detection.simulated.draws import uniform_at
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_positive, require_probability
 from coopsim.support.kernels import njit
 from coopsim.support.rng import draw_key
 from coopsim.types import Ints
+
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+_FIRST, _SECOND = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+_30, _27, _31, _11, _1 = (np.uint64(bits) for bits in (30, 27, 31, 11, 1))
+
+
+@njit(cache=True, nogil=True)
+def uniform_at(key: np.uint64, owner: np.uint64, count: np.uint64, column: np.uint64) -> float:
+    """Return the number of `uniform_numbers` in a column, for an owner with `count` of them, in compiled loops."""
+    state = key + (owner * count + column + _1) * _GOLDEN
+    mixed = (state ^ (state >> _30)) * _FIRST
+    mixed = (mixed ^ (mixed >> _27)) * _SECOND
+    mixed = mixed ^ (mixed >> _31)
+    return np.float64(mixed >> _11) * 2.0**-53
+
 
 _FRAMES = 2**32  # so many per object before two would share a draw
 _TINY = 2.0**-54  # keeps a draw of 0 from being infinitely far out
@@ -51,14 +65,9 @@ class Persistence:
 class PersistentNormals:
     """Standard normal numbers for every object of each owner, correlated over time; asked once in each frame, in order.
 
-    An object's numbers depend only on the seed, the owner, the object's id and the number of frames, so that one more
-    object does not shift the others' numbers. An object that comes back after a pause has its constant part again.
-
-    Args:
-        seed: the episode's seed.
-        owners: A, each the name of a purpose and an agent that numbers are for.
-        kinds: K, the persistence of each number.
-        dt_s: (A,) time between two frames of each owner.
+    An object's numbers depend only on the seed, the owner (the name of a purpose and an agent), the object's id and the
+    number of frames, so that one more object does not shift the others' numbers. An object that comes back after a
+    pause has its constant part again. `dt_s` (A,) is the time between two frames of each of A owners.
     """
 
     def __init__(self, seed: int, owners: Sequence[str], kinds: Sequence[Persistence], dt_s: Sequence[float]) -> None:
@@ -76,16 +85,14 @@ class PersistentNormals:
         self._known = _Known(np.zeros(len(owners) + 1, np.int64), np.zeros(0, np.int64), none, none)
 
     def step(self, asked: Ints, start: Ints, ids: Ints, wanted: Ints) -> Floats:
-        """Return numbers of this frame.
+        """Return this frame's numbers (M, K), standard normal, of the rows `wanted` (M,) of objects; the others' go on
+        all the same.
 
         Args:
-            asked: (B,) the owners whose frame it is, as distinct indices.
-            start: (B + 1,) where each one's objects begin in `ids`.
+            asked: (B,) the owners whose frame it is, distinct indices.
+            start: (B + 1,) first object of each in `ids`.
             ids: (N,) the objects, of one owner distinct ints in [0, 2^31).
-            wanted: (M,) rows of the objects whose numbers are returned. The others' go on all the same.
-
-        Returns:
-            (M, K) standard normal numbers.
+            wanted: (M,) rows of the objects whose numbers are returned.
         """
         self._frame[asked] += 1
         ids = ids.copy()  # some are read-only, for which kernels would be compiled once more
@@ -113,13 +120,8 @@ class PersistentNormals:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Known:
-    """The objects of each owner's last frame.
-
-    Attributes:
-        start: (A + 1,) where each owner's objects begin.
-        ids: (N,) of the objects.
-        constant: (N, K) constant parts.
-        lasting: (N, K) autoregressive parts.
+    """Objects (N,) of each owner's last frame, from its `start` (A + 1,) on, with constant and autoregressive parts (N,
+    K).
     """
 
     start: Ints
@@ -157,7 +159,7 @@ def _find(asked: Ints, start: Ints, ids: Ints, known_start: Ints, known: Ints) -
 
 @njit(cache=True, nogil=True)
 def _uniform(keys: NDArray[np.uint64], owner: Ints, ids: Ints, frame: Ints, count: int, first: int) -> Floats:
-    """Return draws (N, K), uniform in (0, 1): those of `uniform_draws` for 2 K numbers, from the column `first` on."""
+    """Return uniform numbers (N, K) in (0, 1): of `uniform_numbers`' 2 K columns those from `first` on."""
     drawn = np.empty((len(ids), count))
     for n in range(len(ids)):
         place = np.uint64(ids[n] * _FRAMES + frame[n])

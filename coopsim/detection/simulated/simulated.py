@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coopsim.detection.oracle import Oracle, OracleDetector, Oracles, split_by_agent
-from coopsim.detection.simulated.confusion import ClassConfusion, confuse
+from coopsim.detection.simulated.curves import ClassConfusion, confuse
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.support.checks import (
@@ -36,20 +36,17 @@ _FALSE_SIZE_M = np.array([4.3, 1.9, 1.6])
 class SimulatedDetectorConfig:
     """Parameters of `SimulatedDetector`.
 
-    With n returns at range r (m):
-
-    - P(detect) = `max_recall` * (1 - exp(-(n - `min_points` + 1) / `recall_points`)) for n >= `min_points`,
-      else 0;
-    - noise has the scale s = 1 + `range_gain_per_m` * r + `sparse_gain` / sqrt(n);
-    - score = logistic(`score_gain` * (P - `score_offset`) + `score_noise` * N(0, 1)).
+    With n returns at range r (m), P(detect) = `max_recall` * (1 - exp(-(n - `min_points` + 1) / `recall_points`)) for n
+    >= `min_points`, else 0; noise has the scale s = 1 + `range_gain_per_m` * r + `sparse_gain` / sqrt(n); the score =
+    logistic(`score_gain` * (P - `score_offset`) + `score_noise` * N(0, 1)).
 
     Attributes:
         min_points: fewest returns with which an object can be detected.
         recall_points: returns beyond `min_points` at which 63 % of `max_recall` is reached.
         max_recall: recall of a perfectly sampled object, in [0, 1].
-        position_noise_m: of x, y and z at scale 1.
-        size_noise: of length, width and height, relative, at scale 1.
-        yaw_noise_rad: of the heading at scale 1.
+        position_noise_m: noise on x, y and z at scale 1.
+        size_noise: relative noise on length, width and height at scale 1.
+        yaw_noise_rad: noise on the heading at scale 1.
         yaw_flip: probability that the heading is reported the wrong way round.
         range_gain_per_m: growth of the noise with range.
         sparse_gain: growth of the noise for few points.
@@ -59,7 +56,7 @@ class SimulatedDetectorConfig:
         false_positives: mean number of false boxes a frame (Poisson), at most 10 000.
         false_positive_range_m: they lie at least half a car length and at most this far away.
         false_positive_logit: mean logit of their score.
-        confusion: how classes are confused, anew in each frame; None: every label is right.
+        confusion: confusion of classes, anew in each frame; None: every label is right.
     """
 
     min_points: int = 5
@@ -113,10 +110,10 @@ class SimulatedDetector(OracleDetector):
         return self._detect(Oracles.of(oracles, views), [rngs[agent] for agent in views])
 
     def _detect(self, oracles: Oracles, rngs: Sequence[np.random.Generator]) -> dict[str, Detections]:
-        draws, ghosts, lifts = _Draws(len(oracles.returns)), [], []
+        draws, false_boxes, lifts = _BoxNoise(len(oracles.returns)), [], []
         for rng, begin, end in zip(rngs, oracles.start.tolist(), oracles.start[1:].tolist(), strict=False):
             draws.fill(begin, end, rng)
-            ghosts.append(self._draw_ghosts(rng))
+            false_boxes.append(self._draw_false_boxes(rng))
             lifts.append(rng.spawn(1)[0])  # whose draws do not shift those of the boxes
             if self._levels is not None:
                 rng.random(out=draws.label[begin:end])
@@ -128,15 +125,15 @@ class SimulatedDetector(OracleDetector):
         if self._levels is not None:
             label = confuse(self._levels, label, draws.label[rows])
         owner = np.searchsorted(oracles.start, rows, "right") - 1
-        false = np.repeat(np.arange(len(ghosts)), [len(each.range_m) for each in ghosts])
+        false = np.repeat(np.arange(len(false_boxes)), [len(each.range_m) for each in false_boxes])
         found = Detections(boxes, score, label)
         if len(false):
             spread_m = self._height_spread_m(oracles.actors.boxes[rows], oracles.returns[rows])
             each = [
                 self._lift_m(rng, spread_m[owner == agent], len(drawn.range_m))
-                for agent, (rng, drawn) in enumerate(zip(lifts, ghosts, strict=True))
+                for agent, (rng, drawn) in enumerate(zip(lifts, false_boxes, strict=True))
             ]
-            found = Detections.concatenate([found, self._false_positives(ghosts, np.concatenate(each))])
+            found = Detections.concatenate([found, self._false_positives(false_boxes, np.concatenate(each))])
         return split_by_agent(found, oracles.agents, np.concatenate([owner, false]))
 
     def recall(self, returns: Ints) -> Floats:
@@ -150,10 +147,10 @@ class SimulatedDetector(OracleDetector):
         sparse = self.config.sparse_gain / np.sqrt(np.maximum(returns, 1))
         return 1.0 + self.config.range_gain_per_m * range_m + sparse
 
-    def _disturb(self, boxes: Boxes3D, returns: Ints, draws: _Draws, rows: Ints) -> Boxes3D:
+    def _disturb(self, boxes: Boxes3D, returns: Ints, draws: _BoxNoise, rows: Ints) -> Boxes3D:
         config = self.config
         scale = self.noise_scale(returns, np.linalg.norm(boxes.center[:, :2], axis=1))[:, None]
-        center = boxes.center + draws.center[rows] * config.position_noise_m * scale * _room(boxes)
+        center = boxes.center + draws.center[rows] * config.position_noise_m * scale * _size_factor(boxes)
         size = boxes.size * np.exp(draws.size[rows] * config.size_noise * scale)
         turn = draws.yaw[rows] * config.yaw_noise_rad * scale[:, 0]
         flip = np.where(draws.flip[rows] < config.yaw_flip, np.pi, 0.0)
@@ -164,7 +161,7 @@ class SimulatedDetector(OracleDetector):
         config = self.config
         scale = self.noise_scale(returns, np.linalg.norm(boxes.center[:, :2], axis=1))
         by_size = config.size_noise * boxes.size[:, 2] / 2
-        return scale * np.hypot(config.position_noise_m * _room(boxes)[:, 0], by_size)
+        return scale * np.hypot(config.position_noise_m * _size_factor(boxes)[:, 0], by_size)
 
     def _lift_m(self, rng: np.random.Generator, spread_m: Floats, count: int) -> Floats:
         """Draw the heights of the undersides of an agent's false positives, (`count`,).
@@ -179,22 +176,22 @@ class SimulatedDetector(OracleDetector):
         config = self.config
         return _logistic(config.score_gain * (probability - config.score_offset) + config.score_noise * normal)
 
-    def _draw_ghosts(self, rng: np.random.Generator) -> _Ghosts:
+    def _draw_false_boxes(self, rng: np.random.Generator) -> _FalseBoxes:
         """Draw one agent's false positives."""
         count = int(rng.poisson(self.config.false_positives))
         if not count:
-            return _NO_GHOSTS
+            return _NO_FALSE_BOXES
         range_m = rng.uniform(_FALSE_SIZE_M[0] / 2, max(self.config.false_positive_range_m, 3.0), count)
         bearing = rng.uniform(-np.pi, np.pi, count)
         size = rng.standard_normal((count, 3))
         yaw = rng.uniform(-np.pi, np.pi, count)
         score = rng.standard_normal(count)
-        return _Ghosts(range_m, bearing, size, yaw, score, rng.random(count) if self._levels is not None else score)
+        return _FalseBoxes(range_m, bearing, size, yaw, score, rng.random(count) if self._levels is not None else score)
 
-    def _false_positives(self, ghosts: Sequence[_Ghosts], lift_m: Floats) -> Detections:
+    def _false_positives(self, false_boxes: Sequence[_FalseBoxes], lift_m: Floats) -> Detections:
         """Return the N false positives of all agents, one agent's after another's; `lift_m` (N,) is of undersides."""
         config = self.config
-        all_of = _Ghosts(*map(np.concatenate, zip(*ghosts, strict=True)))
+        all_of = _FalseBoxes(*map(np.concatenate, zip(*false_boxes, strict=True)))
         size = _FALSE_SIZE_M * np.exp(0.1 * all_of.size)
         x, y = all_of.range_m * np.cos(all_of.bearing), all_of.range_m * np.sin(all_of.bearing)
         boxes = Boxes3D(np.column_stack([x, y, size[:, 2] / 2 + lift_m]), size, all_of.yaw)
@@ -205,19 +202,12 @@ class SimulatedDetector(OracleDetector):
         return Detections(boxes, score, label)
 
 
-class _Draws:
-    """The numbers drawn in a frame for N objects, each agent's from its own stream.
+class _BoxNoise:
+    """Numbers drawn in a frame for N objects, each agent's from its own stream: uniform or, of boxes and scores,
+    normal.
 
-    Drawn for every object, seen or not, so that a hidden one does not shift the noise of the others.
-
-    Attributes:
-        detected: (N,) uniform.
-        center: (N, 3) standard normal.
-        size: (N, 3) standard normal.
-        yaw: (N,) standard normal.
-        flip: (N,) uniform.
-        score: (N,) standard normal.
-        label: (N,) uniform; not drawn by `fill`.
+    Drawn for every object, seen or not, so that a hidden one does not shift the noise of the others. `fill` does not
+    draw labels.
     """
 
     __slots__ = ("center", "detected", "flip", "label", "score", "size", "yaw")
@@ -236,16 +226,9 @@ class _Draws:
         rng.standard_normal(out=self.score[begin:end])
 
 
-class _Ghosts(NamedTuple):
-    """The numbers drawn for N false positives.
-
-    Attributes:
-        range_m: (N,).
-        bearing: (N,) rad.
-        size: (N, 3) standard normal.
-        yaw: (N,) rad.
-        score: (N,) standard normal.
-        label: (N,) uniform; anything where classes are not confused.
+class _FalseBoxes(NamedTuple):
+    """Numbers drawn for N false positives: range (m), bearing and heading (rad); size (N, 3) and score, standard
+    normal; label, uniform, anything where classes are not confused.
     """
 
     range_m: Floats
@@ -256,10 +239,10 @@ class _Ghosts(NamedTuple):
     label: Floats
 
 
-_NO_GHOSTS = _Ghosts(*(np.zeros((0, 3) if name == "size" else 0) for name in _Ghosts._fields))
+_NO_FALSE_BOXES = _FalseBoxes(*(np.zeros((0, 3) if name == "size" else 0) for name in _FalseBoxes._fields))
 
 
-def _room(boxes: Boxes3D) -> Floats:
+def _size_factor(boxes: Boxes3D) -> Floats:
     """Return the factor on position noise, (N, 1): a person's box is not missed by a car's error."""
     room: Floats = np.minimum(1.0, boxes.size[:, :1] / _FALSE_SIZE_M[0])
     return room

@@ -19,14 +19,12 @@ from coopsim.learn.clips.clip import BLOCK, AgentScene, Clip, Picture, Scene, ne
 from coopsim.learn.clips.world import ClipWorld, draw_world
 from coopsim.learn.clips.world_recipe import WorldRecipe
 from coopsim.localization.localizer import LocalizationConfig, Localizer
-from coopsim.sensors.camera.camera_rig import CameraRig
 from coopsim.sensors.camera.daylight import DAYLIGHTS, Illumination
-from coopsim.sensors.camera.picture import MODES
-from coopsim.sensors.camera.renderers.choice import make_renderer
+from coopsim.sensors.camera.picture import MODES, CameraRig
+from coopsim.sensors.camera.renderers import make_renderer
 from coopsim.sensors.lidar.lidar import Lidar
-from coopsim.sensors.lidar.tally import count_instances, count_returns
-from coopsim.sensors.raycast import RayScene
-from coopsim.sensors.scene import SceneGeometry, Triangles
+from coopsim.sensors.lidar.returns import count_instances, count_returns
+from coopsim.sensors.scene import RayScene, SceneGeometry, Triangles
 from coopsim.support.checks import require_count
 from coopsim.support.rng import require_seed, stream
 from coopsim.types import CameraCalibration, CameraImage, Ints, Sweep, seconds_to_ns, stack_xyz_yaw

@@ -12,10 +12,8 @@ import numpy as np
 from coopsim.catalog import is_scenario_file, scenario_file_options, scenario_of_file
 from coopsim.errors import InvalidValueError
 from coopsim.learn.clips.world_recipe import WorldRecipe
-from coopsim.sensors.camera.camera import Camera
-from coopsim.sensors.camera.distortion import Coefficients, distort
-from coopsim.sensors.camera.intrinsics import Intrinsics
-from coopsim.sensors.camera.rigs import Rig, rig
+from coopsim.sensors.camera.camera import Camera, Rig, rig
+from coopsim.sensors.camera.intrinsics import Coefficients, Intrinsics, distort
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.weather import Weather
 from coopsim.support.rng import stream

@@ -9,10 +9,10 @@ from typing import Any
 
 from coopsim.catalog import is_recordings_folder, is_scenario_file, scenario_files
 from coopsim.errors import InvalidValueError
+from coopsim.sensors import FARTHEST_MOUNT_M
+from coopsim.sensors.camera.camera import RIG_NAMES
 from coopsim.sensors.camera.daylight import DAYLIGHTS
-from coopsim.sensors.camera.rig_names import RIG_NAMES
 from coopsim.sensors.lidar.patterns import PATTERNS
-from coopsim.sensors.limits import FARTHEST_MOUNT_M
 from coopsim.support.checks import (
     require_between,
     require_choice,

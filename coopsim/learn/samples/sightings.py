@@ -14,7 +14,7 @@ from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.learn.clips.clip import AgentScene, Clip
 from coopsim.learn.samples.sample_frames import boxes_in
 from coopsim.nn.identity.picture_identity_net import cut_crops
-from coopsim.sensors.camera.crops import best_crops
+from coopsim.sensors.camera.projection import best_crops
 from coopsim.support.checks import require_count, require_non_negative, require_probability
 from coopsim.types import Ints, Mask
 

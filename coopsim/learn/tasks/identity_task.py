@@ -42,7 +42,7 @@ from coopsim.metrics.average_precision import separation
 from coopsim.nn.identity.clip_teachers import ClipTeachers, Crop
 from coopsim.nn.identity.picture_identity_net import PictureIdentityConfig
 from coopsim.nn.identity.point_encoder import LEAST_POINTS, ObjectPoints, PointBatch, join_points, points_in_boxes
-from coopsim.sensors.camera.crops import best_crops
+from coopsim.sensors.camera.projection import best_crops
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
-from coopsim.sensors.camera.distortion import undistort
+from coopsim.sensors.camera.intrinsics import undistort
 from coopsim.sensors.camera.projection import project
 from coopsim.types import BevGrid, CameraCalibration
 

@@ -94,7 +94,7 @@ def cut_crops(rgb: NDArray[np.uint8], place_px: Floats, edge_px: int, margin: fl
     Args:
         rgb: the picture.
         place_px: (K, 4) first column, first row, last column, last row, edges as of
-            `coopsim.sensors.camera.crops.Crops`; finite.
+            `coopsim.sensors.camera.projection.Crops`; finite.
         edge_px: E, edge of a resized crop.
         margin: background on each side, as a share of the rectangle's width or height, within the picture.
     """

@@ -1,17 +1,19 @@
-"""A camera and its mounting."""
+"""Cameras, their mounting, and the rigs that agents carry: by name, or as the user lists them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from coopsim.errors import InvalidValueError
+from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.se3 import SE3
+from coopsim.sensors import FARTHEST_M, FARTHEST_MOUNT_M, NEAREST_M
 from coopsim.sensors.camera.intrinsics import Intrinsics
-from coopsim.sensors.limits import FARTHEST_M, FARTHEST_MOUNT_M, NEAREST_M
-from coopsim.support.checks import require_between, require_finite_number
+from coopsim.support.checks import require_between, require_choice, require_finite_number
 from coopsim.types import CameraCalibration
+from coopsim.types.messages import AGENT_KINDS
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,3 +78,100 @@ class Camera:
         """Return what a policy may know of the camera, on an agent of this height."""
         lens = self.intrinsics
         return CameraCalibration(lens.size, lens.matrix, np.array(lens.distortion), self.base_SE3_camera(body_height_m))
+
+
+SURROUND = "surround"
+"""The rig that `cameras=True` stands for."""
+
+RIG_HEADINGS_RAD: Mapping[str, Mapping[str, float]] = {
+    "front": {"front": 0.0},
+    SURROUND: {"front": 0.0, "left": np.pi / 2, "rear": np.pi, "right": -np.pi / 2},
+    "surround_6": {
+        "front": 0.0,
+        "front_left": np.pi / 3,
+        "rear_left": 2 * np.pi / 3,
+        "rear": np.pi,
+        "rear_right": -2 * np.pi / 3,
+        "front_right": -np.pi / 3,
+    },
+}
+"""Headings of a rig's cameras in the agent's base frame, by rig and camera."""
+
+RIG_NAMES = tuple(RIG_HEADINGS_RAD)
+
+
+def rig_camera_names(cameras: bool | str) -> frozenset[str]:
+    """Return the names of a rig's cameras: True is "surround", False is no camera."""
+    if cameras is False:
+        return frozenset()
+    name = SURROUND if cameras is True else cameras
+    require_choice("cameras", name, RIG_NAMES)
+    return frozenset(RIG_HEADINGS_RAD[name])
+
+
+Rig = tuple[Camera, ...]
+RigOption = bool | str | Sequence[Camera] | Mapping[str, bool | str | Sequence[Camera]]
+"""The option `cameras`: False, True (as "surround"), the name of a rig, cameras; or one of these by agent or kind
+of agent."""
+
+UNIT_PITCH_RAD = np.radians(20.0)
+"""Downward pitch of the named rigs on a roadside unit; chosen by us, as the rigs are."""
+
+DRONE_PITCH_RAD = np.radians(45.0)
+"""The same for a drone."""
+
+_PITCH_RAD = {"cav": 0.0, "rsu": UNIT_PITCH_RAD, "drone": DRONE_PITCH_RAD}
+
+
+def named_rig(name: str, *, pitch_rad: float = 0.0) -> Rig:
+    """Return the cameras of the rig `name`: each of 320 x 180 pixels and 100 degrees, on the middle of the roof."""
+    if not (isinstance(name, str) and name in RIG_HEADINGS_RAD):
+        raise UnknownNameError("cameras", name, RIG_NAMES)
+    return tuple(
+        Camera(camera, yaw_rad=float(heading), pitch_rad=float(pitch_rad))
+        for camera, heading in RIG_HEADINGS_RAD[name].items()
+    )
+
+
+def agent_rigs(option: object, kinds: Mapping[str, str]) -> dict[str, Rig]:
+    """Return the cameras of every agent, by a `RigOption`, in which an agent's name goes before its kind.
+
+    Raises:
+        UnknownNameError: no rig, agent or kind is called that.
+        InvalidValueError: not a list of cameras, or two of one name.
+    """
+    if not isinstance(option, Mapping):
+        check_rig(option)
+        return {agent: rig(option, kind) for agent, kind in kinds.items()}
+    for agent in option:
+        if agent not in kinds and agent not in AGENT_KINDS:
+            raise UnknownNameError("cameras of agent", agent, (*kinds, *AGENT_KINDS))
+    return {agent: rig(option.get(agent, option.get(kind, False)), kind) for agent, kind in kinds.items()}
+
+
+def check_rig(option: object) -> None:
+    """Validate the option `cameras` as `rig` does, but for names of agents, which the environment checks later."""
+    for one in option.values() if isinstance(option, Mapping) else [option]:
+        rig(one)
+
+
+def rig(option: object, kind: str = "cav") -> Rig:
+    """Return the cameras of an option on an agent of a kind ("cav", "rsu" or "drone").
+
+    Raises:
+        UnknownNameError: no rig is called that.
+        InvalidValueError: not a list of cameras, or two of one name.
+    """
+    if option is False or option is True:
+        option = SURROUND if option else ()
+    if isinstance(option, str):
+        return named_rig(option, pitch_rad=_PITCH_RAD[kind])
+    accepted = f"True, False, one of {', '.join(RIG_NAMES)}, a list of Camera objects, or one of these by agent or kind"
+    listed = tuple(option) if isinstance(option, Iterable) and not isinstance(option, np.ndarray) else (None,)
+    if not all(isinstance(camera, Camera) for camera in listed):
+        raise InvalidValueError(f"cameras must be {accepted}; got {option!r}")
+    cameras = tuple(camera for camera in listed if isinstance(camera, Camera))
+    names = [camera.name for camera in cameras]
+    if len(set(names)) < len(names):
+        raise InvalidValueError(f"cameras must have names of their own, got {names}")
+    return cameras

@@ -1,4 +1,4 @@
-"""Light of a scene: the hour's sun and sky, dimmed by rain and fog. Light is linear, pictures are sRGB."""
+"""Light of a scene: the hour's sun and sky, dimmed by rain and fog. Light is linear, images are sRGB."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Daylight:
     """Sun (or moon) and sky. Light of 1 shows a white surface white.
 
     Attributes:
-        sun_azimuth_rad: of the sun, counter-clockwise from the world's x.
+        sun_azimuth_rad: counter-clockwise from the world's x.
         sun_elevation_rad: over the horizon, in [-pi/2, pi/2]; a sun below the horizon lights nothing.
         sun: red, green and blue light on a surface that faces the sun, >= 0.
         ambient: light from all around, >= 0.
@@ -72,10 +72,6 @@ class Illumination:
     Rain clouds hide the sun and dim the sky, and wet surfaces are darker. Through air of extinction b per metre
     (`Weather.extinction_per_m`), a surface at distance r shows the share exp(-b r) of its light; the rest is the sky's
     light (Koschmieder 1924).
-
-    Args:
-        daylight: sun and sky.
-        weather: None is dry and clear.
     """
 
     def __init__(self, daylight: Daylight, weather: Weather | None = None) -> None:
@@ -108,11 +104,7 @@ def to_srgb(light: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def as_daylight(time_of_day: object) -> Daylight:
-    """Return a `Daylight` as it is, or the one of that name.
-
-    Raises:
-        UnknownNameError: there is none.
-    """
+    """Return a `Daylight` as it is, or the one of that name."""
     if isinstance(time_of_day, Daylight):
         return time_of_day
     if not isinstance(time_of_day, str):

@@ -13,12 +13,12 @@ from coopsim.types import Ints
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
-    """Hit of the ray through the middle of each pixel: one sample, so that all pictures made of it agree.
+class PixelHits:
+    """Hits of the rays through the middles of pixels: one sample each, so that all images made of them agree.
 
     Attributes:
-        face: (H, W) int, index of the triangle, -1 where there is nothing between near and far.
-        depth: (H, W) float32, m along the optical axis; 0 where there is nothing.
+        face: (H, W) index of the triangle, -1 where there is nothing between near and far.
+        depth: (H, W) m along the optical axis; 0 where there is nothing.
     """
 
     face: Ints
@@ -26,7 +26,7 @@ class View:
 
 
 class Renderer(ABC):
-    """Finds the triangle and the depth that each pixel of a camera sees.
+    """Interface of renderers: they find the triangle and the depth that each pixel of a camera sees.
 
     Attributes:
         name: value of the option `renderer`.
@@ -39,13 +39,9 @@ class Renderer(ABC):
         """Take over a new frame."""
 
     @abstractmethod
-    def see(self, camera: Camera, world_SE3_camera: SE3, own_id: int | None) -> View:
-        """Return the frame's view from a camera's pose (OpenCV's axes: x right, y down, z forward).
-
-        Args:
-            camera: lens, near and far plane.
-            world_SE3_camera: the camera's pose.
-            own_id: actor that is left out; None leaves out nothing.
+    def see(self, camera: Camera, world_SE3_camera: SE3, own_id: int | None) -> PixelHits:
+        """Return the frame's view from a camera's pose (OpenCV's axes: x right, y down, z forward), without the actor
+        `own_id`.
         """
 
     @abstractmethod

@@ -38,16 +38,11 @@ _NOBODY = -1
 _SLACK_M = 1e-3  # for rounding, in the preselection of obstacles
 
 
-class LineOfSight:
-    """Estimates the returns from every actor; one object serves any number of agents.
+class ReturnsEstimator:
+    """Estimate of the returns from every actor; one object serves any number of agents.
 
-    Args:
-        static: the scenery. Its boxes hide what is behind, as far as they are opaque; without boxes of its own, a part
-            has the upright box around each of its closed components.
-        pattern: beams of the imagined sensor.
-        columns: its firings per revolution.
-        range_m: its range.
-        weather: around it; None is dry and clear.
+    Boxes of the scenery hide objects behind them, as far as they are opaque; a part without boxes of its own has the
+    upright box around each of its closed components. `columns` are the imagined sensor's firings per revolution.
     """
 
     def __init__(
@@ -67,25 +62,11 @@ class LineOfSight:
         self._step_rad, self._range_m = 2 * np.pi / columns, range_m
         self._extinction_per_m = (weather or Weather()).extinction_per_m
 
-    def expected_returns(self, origin_m: Floats, actors: Actors, own_id: int | None) -> Ints:
-        """Return the expected number (N,) of returns from each of N actors.
+    def expected_returns(self, origins_m: Floats, actors: Actors, own_ids: Sequence[int | None]) -> Ints:
+        """Return the expected numbers (A, N) of returns from each of N actors to sensors at `origins_m` (A, 3), world
+        frame.
 
-        Args:
-            origin_m: (3,) the sensor's position in the world frame.
-            actors: N of them.
-            own_id: the actor that carries the sensor: it gives no returns and hides nothing.
-        """
-        origins_m = np.asarray(origin_m, dtype=np.float64)[None]
-        returns: Ints = self.expected_returns_of_all(origins_m, actors, [own_id])[0]
-        return returns
-
-    def expected_returns_of_all(self, origins_m: Floats, actors: Actors, own_ids: Sequence[int | None]) -> Ints:
-        """Return the expected numbers (A, N) of returns of each of A sensors from each of N actors.
-
-        Args:
-            origins_m: (A, 3) the sensors' positions in the world frame.
-            actors: N of them.
-            own_ids: (A,) the actors that carry the sensors: each gives its own no returns and hides nothing from it.
+        The carriers `own_ids` (A,) give their own sensors no returns and hide nothing from them.
         """
         boxes = actors.boxes.array
         own_id = np.array([_NOBODY if own is None else own for own in own_ids], np.int64)
@@ -240,18 +221,10 @@ def _near(
     actors: int,
     range_m: float,
 ) -> int:
-    """Fill in the first of `obstacles` (M, 7), `actors` many, and of the others those within `range_m`; count them.
+    """Fill in the first `actors` of `obstacles` (M, 7), and of the others those within `range_m` of `origin`; count
+    them.
 
-    Args:
-        which: (M,) becomes their numbers.
-        x: (M,) becomes where they are from `origin`.
-        y: (M,) the same.
-        reach: (M,) becomes their radii.
-        obstacles: boxes.
-        radius: (M,) of the boxes.
-        origin: (3,) of the lines.
-        actors: number of obstacles that are filled in wherever they are.
-        range_m: the longest line.
+    `which` becomes their numbers, `x` and `y` their offsets from `origin` (3,), `reach` their radii, (M,) each.
     """
     count = 0
     for m in range(len(obstacles)):
@@ -288,12 +261,8 @@ def _turn(turned: Floats, point: Floats, box: Floats, cos: float, sin: float) ->
 def _cuts(start: Floats, end: Floats, box: Floats, cos: float, sin: float) -> bool:
     """Return whether a line meets a box (7,), by its slabs (Kay and Kajiya 1986).
 
-    Args:
-        start: (3,) of the line, in the axes of the box.
-        end: (3,) of the line, in the axes of the world.
-        box: x, y, z, l, w, h, yaw.
-        cos: of the yaw.
-        sin: of the yaw.
+    `start` (3,) is in the axes of the box, `end` (3,) in those of the world; `cos` and `sin` are those of the box's
+    yaw.
     """
     enter, leave = 0.0, 1.0
     for axis in range(3):

@@ -1,4 +1,4 @@
-"""A spinning LiDAR: rays against the real meshes, then noise, drop-out and intensity."""
+"""A spinning LiDAR: its configuration and mounting, and sweeps by rays against meshes, with noise and drop-out."""
 
 from __future__ import annotations
 
@@ -9,15 +9,11 @@ import numpy as np
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.sensors.lidar.cast.ray_grid import GridHits, RayGrid
-from coopsim.sensors.lidar.footprint import footprint_patterns, merge_echoes
-from coopsim.sensors.lidar.pattern_files import find_pattern
-from coopsim.sensors.lidar.patterns import BeamPattern
-from coopsim.sensors.lidar.returns import Echoes, Optics, receive, reflect
-from coopsim.sensors.lidar.revolution import Revolution
-from coopsim.sensors.limits import FARTHEST_M, FARTHEST_MOUNT_M, MOST_RAYS
-from coopsim.sensors.raycast import RayScene
-from coopsim.sensors.scene import Singles
+from coopsim.sensors import FARTHEST_M, FARTHEST_MOUNT_M, MOST_RAYS
+from coopsim.sensors.lidar.patterns import BeamPattern, find_pattern
+from coopsim.sensors.lidar.ray_grid import GridHits, RayGrid, Revolution
+from coopsim.sensors.lidar.returns import Echoes, Optics, footprint_patterns, merge_echoes, receive, reflect
+from coopsim.sensors.scene import STATIC_ID, RayScene, Singles, Triangles
 from coopsim.sensors.weather import Weather, WeatherClutter
 from coopsim.support.checks import (
     require_between,
@@ -28,6 +24,7 @@ from coopsim.support.checks import (
     require_positive,
 )
 from coopsim.types import Ints, Sweep
+from coopsim.world.models.model import Model
 
 MOST_COLUMNS = 16384
 """Most firings per revolution. No sensor has more; a larger number is a slip that would fill the memory."""
@@ -68,7 +65,7 @@ class LidarConfig:
             time, 5 ns by default.
         turn_s: time of a revolution, over which the agent and all others move; 0: all rays at one time. Points are
             where the moving agent would have them at the end of the revolution.
-        backend: "grid" draws all rays at once (see `coopsim.sensors.lidar.cast.ray_grid`); "embree" casts them one by
+        backend: "grid" draws all rays at once (see `coopsim.sensors.lidar.ray_grid`); "embree" casts them one by
             one, as a reference.
     """
 
@@ -131,12 +128,7 @@ class LidarConfig:
 
 
 class Lidar:
-    """Makes sweeps; one object serves any number of agents, from any number of threads (with the backend "grid").
-
-    Args:
-        config: the sensor.
-        weather: around it; None is dry and clear.
-    """
+    """LiDAR that makes sweeps; one object serves any number of agents and, with the backend "grid", of threads."""
 
     def __init__(self, config: LidarConfig, weather: Weather | None = None) -> None:
         self.config, self._weather = config, weather or Weather()
@@ -174,13 +166,8 @@ class Lidar:
     ) -> Sweep:
         """Make one sweep, in the agent's base frame, with instance ids.
 
-        Args:
-            scene: the frame's triangles.
-            world_SE3_base: the agent's true pose, at the end of the revolution.
-            body_height_m: height of the agent's body, on which the sensor stands.
-            own_id: the actor that carries the sensor: rays that end on it give no return.
-            rng: the agent's stream. Every sweep takes the same number of draws.
-            start: the agent's true pose at the start of the revolution, `turn_s` ago; None: it stood still.
+        The agent's true poses are those at the end of the revolution and, if it moves, at its `start`, `turn_s` ago.
+        Rays that end on the actor `own_id` give no return. Every sweep takes the same number of draws from `rng`.
         """
         base_SE3_sensor = self.config.base_SE3_sensor(body_height_m)
         revolution = Revolution(
@@ -233,3 +220,40 @@ def _rotation(axis: int, angle_rad: float) -> Floats:
     rotation[b, a] = np.sin(angle_rad)
     rotation[a, b] = -rotation[b, a]
     return rotation
+
+
+_ALL_AROUND = RayGrid(np.radians([-75.0, -40.0, -10.0, 10.0, 40.0, 75.0]), np.zeros(6), 16)
+
+
+def require_free_mount(sensor: str, config: LidarConfig, height_m: float, body: Model | None) -> None:
+    """Require a LiDAR above the ground and outside the body that carries it; a mast (None) is as thin as a line.
+
+    Raises:
+        InvalidValueError: it is under the ground, or inside the body.
+    """
+    require_above_ground(f"lidar {sensor!r}", config.above_m, height_m)
+    at = config.base_SE3_sensor(height_m).translation
+    if body is not None and _is_inside(body, at - [0.0, 0.0, height_m / 2]):
+        where, sides = (", ".join(f"{value:g}" for value in values) for values in (at, body.size_m))
+        raise InvalidValueError(
+            f"lidar {sensor!r} at x, y, z = {where} m is inside the body of a {body.name!r} (length, width and height "
+            f"{sides} m)"
+        )
+
+
+def require_above_ground(sensor: str, above_m: float, height_m: float) -> None:
+    """Raise `InvalidValueError` unless a sensor `above_m` over a body of this height is above the ground."""
+    if height_m + above_m <= 0:
+        raise InvalidValueError(
+            f"{sensor} is {-height_m - above_m:g} m under the ground: above_m = {above_m:g} counts from the top of a "
+            f"body that is {height_m:g} m high"
+        )
+
+
+def _is_inside(body: Model, point_m: np.ndarray[tuple[int], np.dtype[np.float64]]) -> bool:
+    """Return whether a point in the body's axes sees the body on all sides."""
+    count = len(body.faces)
+    alone = Triangles(
+        body.vertices, body.faces, np.full(count, STATIC_ID), body.reflectivity, np.zeros((count, 3), dtype=np.uint8)
+    )
+    return bool((_ALL_AROUND.cast(alone, SE3(np.eye(3), point_m)).face >= 0).all())

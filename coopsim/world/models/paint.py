@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
-from coopsim.support.rng import uniform_draws
+from coopsim.support.rng import uniform_numbers
 from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
 
@@ -103,7 +103,7 @@ def draw_colors(seed: int, ids: Ints, label: Ints, *, dirty: bool = False) -> tu
     returns least (see `coopsim.sensors.scene.paint_reflectivity`), returns more under dust, and colours and white
     hardly change. Models have their own dust below the belt, with a lower reflectivity.
     """
-    draw = uniform_draws(seed, "appearance", ids, 13)
+    draw = uniform_numbers(seed, "appearance", ids, 13)
     color, accent = (np.zeros((len(ids), 3)) for _ in range(2))
     for cls, wardrobe in _WARDROBES.items():
         of = np.flatnonzero(label == cls)
@@ -128,7 +128,7 @@ def _pick(colors: dict[RGB, float], draw: Floats) -> Floats:
 
 def _film(seed: int, ids: Ints, label: Ints) -> Floats:
     """Return the share (N, 1) of the paint that dust hides: none of people and two-wheelers."""
-    draw = uniform_draws(seed, "dust", ids, 1)
+    draw = uniform_numbers(seed, "dust", ids, 1)
     vehicle = np.isin(label, (ObjectClass.CAR, ObjectClass.VAN, ObjectClass.TRUCK, ObjectClass.BUS))[:, None]
     film: Floats = _DIRTIEST * np.where(vehicle, np.maximum(draw - _CLEAN, 0.0) / (1.0 - _CLEAN), 0.0)
     return film

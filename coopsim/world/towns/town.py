@@ -12,7 +12,7 @@ import numpy as np
 from coopsim.config.checked_entry import DataEntry, plain
 from coopsim.errors import InvalidValueError
 from coopsim.geometry import exact
-from coopsim.support.collecting import without_collecting
+from coopsim.support.methods import garbage_collection_paused
 from coopsim.support.rng import stream
 from coopsim.world.custom.place import read_place
 from coopsim.world.furniture.furnish import furnished, leafy
@@ -61,7 +61,7 @@ def describe_town(seed: int, options: TownOptions = _ANY) -> dict[str, Any]:
 @lru_cache(_KEPT)
 def draw_place(seed: int, options: TownOptions = _ANY) -> Place:
     """Draw a town, and make a place of it."""
-    with without_collecting():
+    with garbage_collection_paused():
         # It is plain data already, which `place_from` would copy.
         entry = DataEntry(leafy(describe_streets(seed, options)), "place", InvalidValueError)
         bare = read_place(entry, f"town-{seed}")

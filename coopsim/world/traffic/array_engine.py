@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
-from coopsim.types.maneuvers import MANEUVERS
+from coopsim.types.messages import MANEUVERS
 from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.road_network import Road
 from coopsim.world.traffic.drivers import ACC_MAX, change_lane, drive, follow, is_reachable, nearest_on_route, stop_at

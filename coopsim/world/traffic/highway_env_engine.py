@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
-from coopsim.types.maneuvers import MANEUVERS
+from coopsim.types.messages import MANEUVERS
 from coopsim.world.places.layout import CLEARANCE_M, ROADS_AHEAD
 from coopsim.world.places.road_network import CircularLane, Road, RoadNetwork, StraightLane
 from coopsim.world.traffic import rules

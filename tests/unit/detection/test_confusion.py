@@ -9,8 +9,8 @@ import pytest
 
 from coopsim.detection.oracle import Oracle
 from coopsim.detection.presets import preset
-from coopsim.detection.simulated.confusion import DEFAULT_CONFUSION, ClassConfusion, LabelNoise
 from coopsim.detection.simulated.correlated import CorrelatedDetector
+from coopsim.detection.simulated.curves import ClassConfusion, LabelNoise
 from coopsim.detection.simulated.persistence import Persistence
 from coopsim.detection.simulated.simulated import SimulatedDetector, SimulatedDetectorConfig
 from coopsim.errors import InvalidValueError, UnknownNameError
@@ -43,8 +43,10 @@ def test_the_matrix_has_the_shares_and_rows_that_sum_to_one() -> None:
     matrix = ClassConfusion(SHARES).matrix
     assert matrix[CAR, [CAR, VAN, TRUCK]].tolist() == pytest.approx([0.7, 0.2, 0.1])
     np.testing.assert_allclose(matrix.sum(axis=1), 1.0)
-    np.testing.assert_allclose(DEFAULT_CONFUSION.matrix.sum(axis=1), 1.0)
-    assert (np.diag(DEFAULT_CONFUSION.matrix) > 0.75).all()
+    fitted = preset("pointpillars_v2v4real").confusion
+    assert fitted is not None
+    np.testing.assert_allclose(fitted.matrix.sum(axis=1), 1.0)
+    assert (np.diag(fitted.matrix) > 0.75).all()
 
 
 def test_labels_are_confused_at_the_rates_of_the_matrix() -> None:
@@ -60,7 +62,9 @@ def test_the_default_lasts_as_measured() -> None:
     """On KITTI, a wrong label is wrong again after 0.1 s with probability 0.48."""
     label = np.full(100_000, int(ObjectClass.PEDESTRIAN))
     shares = {"pedestrian": {"bicycle": 0.031}}
-    noise = LabelNoise(ClassConfusion(shares, DEFAULT_CONFUSION.persistence), 0, ["a"], [0.1])
+    fitted = preset("pointpillars_v2v4real").confusion
+    assert fitted is not None
+    noise = LabelNoise(ClassConfusion(shares, fitted.persistence), 0, ["a"], [0.1])
     first, second = (step(noise, label) != label for _ in range(2))
     assert first.mean() == pytest.approx(0.031, abs=0.003)
     assert second[first].mean() == pytest.approx(0.48, abs=0.1)

@@ -12,7 +12,7 @@ from scipy.special import ndtri
 
 from coopsim.detection.simulated.persistence import Persistence, PersistentNormals
 from coopsim.errors import InvalidValueError
-from coopsim.support.rng import uniform_draws
+from coopsim.support.rng import uniform_numbers
 
 KIND = Persistence(constant=0.3, lasting=0.5, lasting_s=0.5)
 WHITE = Persistence()
@@ -82,7 +82,7 @@ def slow_step(
     rows, walked = [], {}
     for each in ids.tolist():
         drawn, first = (
-            ndtri(uniform_draws(seed, owner, np.array([each * 2**32 + k]), 2 * len(kinds))[0] + 2.0**-54)
+            ndtri(uniform_numbers(seed, owner, np.array([each * 2**32 + k]), 2 * len(kinds))[0] + 2.0**-54)
             for k in (frame, 0)
         )
         fresh, white = drawn[: len(kinds)], drawn[len(kinds) :]

@@ -24,7 +24,7 @@ from coopsim.errors import (
     UnknownNameError,
 )
 from coopsim.types import Tracks
-from coopsim.types.maneuvers import IDLE, MANEUVERS
+from coopsim.types.messages import IDLE, MANEUVERS
 from coopsim.wire.actions import pack_tracks
 
 NOTHING = {"tracks": pack_tracks(Tracks.empty())}

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from sensor_scenes import actors, box_part, ground, moller_trumbore, soup, triangles
 
-from coopsim.sensors.raycast import RayScene
+from coopsim.sensors.scene import RayScene
 
 
 def unit_rays(count: int, seed: int) -> np.ndarray:

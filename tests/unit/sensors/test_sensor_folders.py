@@ -7,5 +7,5 @@ from import_graph import circles, folder_graph
 
 def test_folders_form_no_circle() -> None:
     folders = folder_graph("coopsim.sensors")
-    assert len(folders) == 7
+    assert len(folders) == 4
     assert circles(folders) == []

@@ -14,7 +14,7 @@ from coopsim.geometry.se3 import SE3
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
 from coopsim.sensors.lidar.patterns import BeamPattern
 from coopsim.sensors.lidar.returns import CLUTTER_ID, reflect
-from coopsim.sensors.raycast import RayScene
+from coopsim.sensors.scene import RayScene
 from coopsim.sensors.weather import Weather, WeatherClutter
 from coopsim.support.rng import stream
 from coopsim.types import Sweep

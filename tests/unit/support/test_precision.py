@@ -11,8 +11,7 @@ import pytest
 from coopsim.errors import UnknownNameError
 from coopsim.support import precision
 from coopsim.support.precision import PRECISION, arithmetic, multiplies_bfloat16, set_precision
-from coopsim.support.processes import start_python
-from coopsim.support.ray_cluster import ray_environment
+from coopsim.support.processes import ray_environment, start_python
 
 
 @pytest.fixture(autouse=True)

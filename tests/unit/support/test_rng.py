@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from coopsim.errors import InvalidValueError
-from coopsim.support.rng import _splitmix64, stream, uniform_draws
+from coopsim.support.rng import _splitmix64, stream, uniform_numbers
 
 
 def test_same_name_same_bits() -> None:
@@ -54,11 +54,11 @@ def test_splitmix64_gives_its_published_numbers() -> None:
 
 def test_draws_are_uniform_and_of_the_owner_alone() -> None:
     who = np.arange(5000)
-    draws = uniform_draws(5, "paint", who, 3)
+    draws = uniform_numbers(5, "paint", who, 3)
     assert draws.shape == (5000, 3) and (draws >= 0).all() and (draws < 1).all()
     np.testing.assert_allclose(draws.mean(axis=0), 0.5, atol=0.02)
     np.testing.assert_allclose(np.corrcoef(draws.T), np.eye(3), atol=0.05)
     assert np.abs(np.corrcoef(draws[1:, 0], draws[:-1, 0])[0, 1]) < 0.05
-    np.testing.assert_array_equal(uniform_draws(5, "paint", who[[70, 3]], 3), draws[[70, 3]])
-    for other in (uniform_draws(6, "paint", who, 3), uniform_draws(5, "gait", who, 3)):
+    np.testing.assert_array_equal(uniform_numbers(5, "paint", who[[70, 3]], 3), draws[[70, 3]])
+    for other in (uniform_numbers(6, "paint", who, 3), uniform_numbers(5, "gait", who, 3)):
         assert (other != draws).all()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from coopsim.errors import InvalidValueError
-from coopsim.types.embedding import normalize_embeddings
+from coopsim.types.valid_detections import normalize_embeddings
 
 
 def test_directions_of_anything_are_finite() -> None:

@@ -1,7 +1,7 @@
 import numpy as np
 
 from coopsim.viz import palette
-from coopsim.viz.overhead import draw_overhead
+from coopsim.viz.portrait import draw_overhead
 from coopsim.world.scenario import make_scenario
 from coopsim.world.world import World
 

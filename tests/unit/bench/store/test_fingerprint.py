@@ -129,7 +129,7 @@ def test_arithmetic_python_and_the_renderer_that_draws_decide(monkeypatch: pytes
     drawn = decided(cameras="front", renderer="raycast")["code"]["renderer"]
     assert drawn["name"] == "raycast" and set(drawn["packages"]) <= {"moderngl", "pillow"}
     fingerprints._renderer.cache_clear()
-    monkeypatch.setattr("coopsim.sensors.camera.renderers.choice.OpenGLRenderer", _missing)
+    monkeypatch.setattr("coopsim.sensors.camera.renderers.OpenGLRenderer", _missing)
     assert decided(cameras="front")["code"]["renderer"]["name"] == "raycast", "what auto means here"
     fingerprints._renderer.cache_clear()
 

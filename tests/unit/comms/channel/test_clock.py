@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coopsim.comms.channel.clock import AgentClock
+from coopsim.comms.channel.channel_config import AgentClock
 from coopsim.errors import InvalidValueError
 
 FRAME_NS = 100_000_000

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from coopsim.comms.channel import link as module
-from coopsim.comms.channel.channel_config import ChannelConfig
+from coopsim.comms.channel.channel_config import ChannelConfig, LinkConfig
 from coopsim.comms.channel.latency import GaussianLatency
 from coopsim.comms.channel.link import Link
-from coopsim.comms.channel.link_config import LinkConfig
 from coopsim.comms.channel.loss import BernoulliLoss, GilbertElliottLoss, Loss
 from coopsim.comms.radio.radio_config import Radio
 from coopsim.support.rng import stream

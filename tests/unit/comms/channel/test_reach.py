@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from coopsim.comms.channel.reach import out_of_range
+from coopsim.comms.channel.channel import out_of_range
 
 
 @pytest.mark.parametrize("range_m", [0.0, 5.0, 300.0, np.inf])

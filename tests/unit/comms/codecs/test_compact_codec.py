@@ -12,11 +12,11 @@ from codec_samples import some_covariances, some_detections, some_velocities
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from coopsim.comms.codecs.compact_codec import CompactDetectionsCodec as Codec
 from coopsim.comms.codecs.cpm_codec import CpmCodec
+from coopsim.comms.codecs.detection_codec import CompactDetectionsCodec as Codec
 from coopsim.comms.codecs.detection_codec import DetectionsCodec
+from coopsim.comms.codecs.point_codec import VoxelsCodec
 from coopsim.comms.codecs.track_codec import TracksCodec
-from coopsim.comms.codecs.voxel_codec import VoxelsCodec
 from coopsim.errors import CodecError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import wrap_angle

@@ -13,8 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from coopsim.comms.codecs.codec import decoder
-from coopsim.comms.codecs.cpm_asn1 import messages
-from coopsim.comms.codecs.cpm_codec import CollectivePerception, CpmCodec
+from coopsim.comms.codecs.cpm_codec import CollectivePerception, CpmCodec, messages
 from coopsim.comms.envelope import decode_detections
 from coopsim.comms.uplinks.share_detections import ShareDetections
 from coopsim.comms.uplinks.uplink import named_uplink

@@ -12,11 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from coopsim.comms.codecs.codec import CODECS, decoder, make_codec
-from coopsim.comms.codecs.feature_codec import FeaturesCodec
-from coopsim.comms.codecs.point_codec import PointsCodec
+from coopsim.comms.codecs.feature_codec import FeaturesCodec, SparseFeaturesCodec
+from coopsim.comms.codecs.point_codec import PointsCodec, VoxelsCodec
 from coopsim.comms.codecs.query_codec import QueriesCodec
-from coopsim.comms.codecs.sparse_feature_codec import SparseFeaturesCodec
-from coopsim.comms.codecs.voxel_codec import VoxelsCodec
 from coopsim.errors import CodecError, InvalidValueError, UnknownNameError
 
 DIVISIBLE = [name for name in CODECS.names() if decoder(name).divisible]

@@ -12,10 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from coopsim.comms.codecs.feature_codec import FeaturesCodec
-from coopsim.comms.codecs.feature_values import FEATURE_NUMBERS, FeatureNumber
+from coopsim.comms.codecs.feature_codec import FEATURE_NUMBERS, FeatureNumber, FeaturesCodec, SparseFeaturesCodec
 from coopsim.comms.codecs.query_codec import QueriesCodec
-from coopsim.comms.codecs.sparse_feature_codec import SparseFeaturesCodec
 from coopsim.errors import CodecError, InvalidValueError, UnknownNameError
 from coopsim.types import FeatureMap, InstanceQueries
 

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial import cKDTree
 
-from coopsim.comms.codecs.point_codec import PointNumber, PointsCodec
-from coopsim.comms.codecs.voxel_codec import VoxelsCodec
+from coopsim.comms.codecs.point_codec import PointNumber, PointsCodec, VoxelsCodec
 from coopsim.errors import CodecError, InvalidValueError, UnknownNameError
 from coopsim.types import PointCloud, Sweep
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LineString, Polygon
 
-from coopsim.comms.radio.obstruction import Sight, Surroundings
+from coopsim.comms.radio.obstruction import Obstruction, RadioScene
 from coopsim.comms.radio.radio_config import Fading, Radio
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
@@ -17,7 +17,7 @@ CALM = np.zeros(2)
 BUILDING = np.array([[-10.0, 20.0], [10.0, 20.0], [10.0, 40.0], [-10.0, 40.0]])
 
 
-def surroundings(rows: list[list[float]], positions: dict[str, tuple[float, float, float]]) -> Surroundings:
+def surroundings(rows: list[list[float]], positions: dict[str, tuple[float, float, float]]) -> RadioScene:
     count = len(rows)
     boxes = Boxes3D.from_array(np.array(rows).reshape(-1, 7))
     ids = np.arange(1, count + 1)
@@ -27,22 +27,26 @@ def surroundings(rows: list[list[float]], positions: dict[str, tuple[float, floa
         name: AgentBody(name, "cav", 1 if name == "a" else None, SE3.from_xyz_yaw([x, y, 0], 0.3), height)
         for name, (x, y, height) in positions.items()
     }
-    return Surroundings.of(bodies, actors, (BUILDING,))
+    return RadioScene.of(bodies, actors, (BUILDING,))
 
 
 def test_path_loss_is_that_of_the_tables() -> None:
     radio, highway = Radio(), Radio("highway")
-    assert radio.path_loss_db(100.0, Sight()) == pytest.approx(38.77 + 33.4 + 18.2 * np.log10(5.9))
-    assert radio.path_loss_db(100.0, Sight("NLOS", 0)) == pytest.approx(36.85 + 60 + 18.9 * np.log10(5.9))
-    assert highway.path_loss_db(100.0, Sight()) == pytest.approx(32.4 + 40 + 20 * np.log10(5.9))
-    assert radio.received_dbm(100.0, Sight(), CALM) == pytest.approx(29 - radio.path_loss_db(100.0, Sight()))
+    assert radio.path_loss_db(100.0, Obstruction()) == pytest.approx(38.77 + 33.4 + 18.2 * np.log10(5.9))
+    assert radio.path_loss_db(100.0, Obstruction("NLOS", 0)) == pytest.approx(36.85 + 60 + 18.9 * np.log10(5.9))
+    assert highway.path_loss_db(100.0, Obstruction()) == pytest.approx(32.4 + 40 + 20 * np.log10(5.9))
+    assert radio.received_dbm(100.0, Obstruction(), CALM) == pytest.approx(
+        29 - radio.path_loss_db(100.0, Obstruction())
+    )
     assert radio.noise_dbm == pytest.approx(-174 + 70 + 9)
 
 
 def test_vehicles_cost_less_the_more_antennas_are_above_them() -> None:
-    heard = [Radio().received_dbm(100.0, Sight("NLOSv", above), CALM) for above in (0, 1, 2)]
+    heard = [Radio().received_dbm(100.0, Obstruction("NLOSv", above), CALM) for above in (0, 1, 2)]
     np.testing.assert_allclose(np.array(heard) - heard[2], [-9.0, -5.0, 0.0])
-    far = Radio().received_dbm(1000.0, Sight("NLOSv", 0), CALM) - Radio().received_dbm(1000.0, Sight("LOS"), CALM)
+    far = Radio().received_dbm(1000.0, Obstruction("NLOSv", 0), CALM) - Radio().received_dbm(
+        1000.0, Obstruction("LOS"), CALM
+    )
     assert far == pytest.approx(-(9.0 + 15 * 3 - 41))
 
 
@@ -62,10 +66,10 @@ def test_a_building_a_truck_and_its_height_are_told_apart() -> None:
     scene = surroundings(
         [own, truck], {"a": (0, 0, 1.6), "b": (60, 1, 1.6), "mast": (61, 0, 6.0), "behind": (0, 60, 6)}
     )
-    assert scene.between("a", "b") == Sight("NLOSv", 0) == scene.between("b", "a")
-    assert scene.between("a", "mast") == Sight("NLOSv", 1)
-    assert scene.between("a", "behind") == Sight("NLOS", 0)
-    assert scene.between("b", "mast") == Sight("LOS", 2)
+    assert scene.between("a", "b") == Obstruction("NLOSv", 0) == scene.between("b", "a")
+    assert scene.between("a", "mast") == Obstruction("NLOSv", 1)
+    assert scene.between("a", "behind") == Obstruction("NLOS", 0)
+    assert scene.between("b", "mast") == Obstruction("LOS", 2)
 
 
 @settings(max_examples=60)
@@ -86,7 +90,7 @@ def test_lines_of_sight_are_those_of_an_independent_implementation(
         return  # a line that only touches may be called either
     antennas = {"p": np.array([*ends[:2], 1.5]), "q": np.array([*ends[2:], 1.5])}
     walls = np.stack([BUILDING, np.roll(BUILDING, -1, axis=0)], axis=1)
-    state = Surroundings(antennas, {}, rows, np.array([1]), walls).between("p", "q").state
+    state = RadioScene(antennas, {}, rows, np.array([1]), walls).between("p", "q").state
     if line.intersects(Polygon(BUILDING).boundary):
         assert state == "NLOS"
     else:

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 import coopsim
 from coopsim.comms.decode_once import DecodeOnce
 from coopsim.comms.envelope import decode_detections, encode_message
-from coopsim.comms.uplinks.budget import WithinBudget
-from coopsim.comms.uplinks.selection import SELECTIONS, Selection
+from coopsim.comms.uplinks.budget import SELECTIONS, Selection, WithinBudget
 from coopsim.comms.uplinks.share_detections import ShareDetections
 from coopsim.comms.uplinks.share_tracks import ShareTracks
 from coopsim.comms.uplinks.uplink import Silence

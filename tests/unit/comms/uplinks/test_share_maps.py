@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from coopsim.comms.envelope import decode_features
-from coopsim.comms.uplinks.budget import WithinBudget
+from coopsim.comms.uplinks.budget import SELECTIONS, WithinBudget
 from coopsim.comms.uplinks.once_per_frame import EncodeOnce
-from coopsim.comms.uplinks.selection import SELECTIONS
-from coopsim.comms.uplinks.share_maps import ShareMaps
+from coopsim.comms.uplinks.share_features import ShareMaps
 from coopsim.errors import InvalidValueError
 from coopsim.types import AgentSpec, BevGrid, Detections, FeatureMap, Message, Observation, Odometry, PoseEstimate
 

@@ -8,8 +8,7 @@ from helpers.clips import SMALL
 
 from coopsim.learn.clips.world import draw_cameras
 from coopsim.learn.clips.world_recipe import WorldRecipe
-from coopsim.sensors.camera.rig_names import RIG_HEADINGS_RAD
-from coopsim.sensors.camera.rigs import Rig, rig
+from coopsim.sensors.camera.camera import RIG_HEADINGS_RAD, Rig, rig
 from coopsim.support.rng import stream
 
 RIGS = WorldRecipe(cameras={"surround": 0.6, "surround_6": 0.2, "front": 0.2})

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from tiny_networks import TINY
 
-from coopsim.detection.pillars_detector import PillarsDetector
+from coopsim.detection.network_detectors import PillarsDetector
 from coopsim.errors import CoopsimError
 from coopsim.learn.weights import load_detector, make_network, save_weights
 from coopsim.nn.detector.detector_net import DetectorNet

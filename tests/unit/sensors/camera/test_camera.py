@@ -12,9 +12,8 @@ from sensor_scenes import CAR, POST, Studio, actors, box_part, ground
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3
-from coopsim.sensors.camera.camera import Camera
+from coopsim.sensors.camera.camera import Camera, named_rig
 from coopsim.sensors.camera.intrinsics import Intrinsics
-from coopsim.sensors.camera.rigs import named_rig
 from coopsim.types import CameraImage
 from coopsim.world.snapshot import Actors, AgentBody
 

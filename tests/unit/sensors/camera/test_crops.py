@@ -10,9 +10,8 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.camera.camera import Camera
-from coopsim.sensors.camera.crops import LEAST_AREA_PX, best_crops, hidden_shares, rectangles
 from coopsim.sensors.camera.intrinsics import Intrinsics
-from coopsim.sensors.camera.projection import project
+from coopsim.sensors.camera.projection import LEAST_AREA_PX, best_crops, hidden_shares, project, rectangles
 from coopsim.types import CameraCalibration
 
 LENS = Intrinsics.from_fov(320, 180, np.radians(100))

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coopsim.errors import InvalidValueError
-from coopsim.sensors.camera.distortion import distort, undistort
-from coopsim.sensors.camera.intrinsics import Intrinsics
+from coopsim.sensors.camera.intrinsics import Intrinsics, distort, undistort
 
 MILD = st.tuples(
     st.floats(-0.2, 0.3), st.floats(0.0, 0.1), st.floats(-0.005, 0.005), st.floats(-0.005, 0.005), st.floats(0.0, 0.02)

@@ -15,12 +15,11 @@ from test_renderers import BODIES, DISTORTED, PLACES, STATIC, assert_same, small
 
 from coopsim.errors import InvalidValueError, MissingDependencyError
 from coopsim.geometry.se3 import SE3
-from coopsim.sensors.camera.camera import Camera
+from coopsim.sensors.camera.camera import Camera, agent_rigs
 from coopsim.sensors.camera.intrinsics import Intrinsics
 from coopsim.sensors.camera.picture import MODES
 from coopsim.sensors.camera.renderer import Renderer
-from coopsim.sensors.camera.renderers.choice import make_renderer
-from coopsim.sensors.camera.rigs import agent_rigs
+from coopsim.sensors.camera.renderers import make_renderer
 from coopsim.world.scenario import make_scenario
 from coopsim.world.world import World
 
@@ -44,7 +43,7 @@ def opened(name: str) -> Renderer:
 @pytest.mark.parametrize("lens", ["pinhole", *DISTORTED])
 @pytest.mark.parametrize("other", ["opengl", "raycast"])
 def test_a_crossing_looks_the_same(other: str, lens: str) -> None:
-    """Its depths are of a 24-bit buffer, and fine to 5 cm as far as a crossing reaches."""
+    """Its depths are of a 24-bit buffer, and fine to 5 cm as far as a crossing ranges_to_boxes."""
     world = World(make_scenario("crossing"), seed=5)
     bodies = world.agents()
     intrinsics = Intrinsics.from_fov(160, 90, distortion=DISTORTED.get(lens, (0.0,) * 5))
@@ -138,7 +137,7 @@ def test_a_context_of_someone_elses_stays_current(pyrender: Renderer) -> None:
 def test_a_process_ends_well_without_closing() -> None:
     opened("pyrender").close()  # pyrender is there, or this skips
     program = """
-from coopsim.sensors.camera.renderers.choice import make_renderer
+from coopsim.sensors.camera.renderers import make_renderer
 kept = [make_renderer(name) for name in ("pyrender", "opengl", "pyrender")]
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)

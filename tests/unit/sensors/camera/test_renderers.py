@@ -16,11 +16,10 @@ from sensor_scenes import AGENTS, MODELS, Studio, actors, box_part, ground
 
 from coopsim.errors import MissingDependencyError, UnknownNameError
 from coopsim.geometry.se3 import SE3
-from coopsim.sensors.camera.camera_rig import CameraRig
+from coopsim.sensors.camera.camera import agent_rigs, named_rig
 from coopsim.sensors.camera.intrinsics import Intrinsics
-from coopsim.sensors.camera.picture import MODES
-from coopsim.sensors.camera.renderers.choice import make_renderer
-from coopsim.sensors.camera.rigs import agent_rigs, named_rig
+from coopsim.sensors.camera.picture import MODES, CameraRig
+from coopsim.sensors.camera.renderers import make_renderer
 from coopsim.types import CameraImage
 from coopsim.world.scenario import make_scenario
 from coopsim.world.snapshot import Actors, AgentBody

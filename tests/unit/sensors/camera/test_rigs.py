@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
-from coopsim.sensors.camera.camera import Camera
-from coopsim.sensors.camera.rigs import (
+from coopsim.sensors.camera.camera import (
     DRONE_PITCH_RAD,
     RIG_NAMES,
     UNIT_PITCH_RAD,
+    Camera,
     agent_rigs,
     check_rig,
     named_rig,

@@ -14,11 +14,10 @@ from sensor_scenes import actors, box_part, ground, triangles
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
-from coopsim.sensors.lidar.expected_returns import LineOfSight
+from coopsim.sensors.lidar.expected_returns import ReturnsEstimator
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
-from coopsim.sensors.lidar.tally import count_returns
-from coopsim.sensors.raycast import RayScene
-from coopsim.sensors.scene import SceneGeometry
+from coopsim.sensors.lidar.returns import count_returns
+from coopsim.sensors.scene import RayScene, SceneGeometry
 from coopsim.sensors.weather import Weather
 from coopsim.support.rng import stream
 from coopsim.world.scenario import make_scenario
@@ -30,8 +29,8 @@ BEAMS = LidarConfig().beams
 
 
 def expected(who, static=(), **config):  # type: ignore[no-untyped-def]
-    sight = LineOfSight(static, BEAMS, config.get("columns", 1024), config.get("range_m", 120.0))
-    return sight.expected_returns(SENSOR_M, who, config.get("own_id"))
+    sight = ReturnsEstimator(static, BEAMS, config.get("columns", 1024), config.get("range_m", 120.0))
+    return sight.expected_returns(SENSOR_M[None], who, [config.get("own_id")])[0]
 
 
 @pytest.mark.parametrize("weather", [None, Weather(fog_visibility_m=100.0), Weather(rain_mm_h=20.0)])
@@ -39,7 +38,7 @@ def expected(who, static=(), **config):  # type: ignore[no-untyped-def]
 def test_agrees_with_the_lidar_in_traffic(name: str, weather: Weather | None) -> None:
     world = World(make_scenario(name), seed=3)
     lidar, geometry = Lidar(LidarConfig(), weather), SceneGeometry(world.models, world.static)
-    sight = LineOfSight(world.static, BEAMS, 1024, 120.0, weather)
+    sight = ReturnsEstimator(world.static, BEAMS, 1024, 120.0, weather)
     want, got = [], []
     for _ in range(5):
         for _ in range(5):
@@ -51,7 +50,7 @@ def test_agrees_with_the_lidar_in_traffic(name: str, weather: Weather | None) ->
             sweep = lidar.sense(scene, body.world_SE3_base, body.height_m, body.actor_id, rng)
             want.append(count_returns({"lidar": sweep}, who.id))
             at = body.world_SE3_base.apply(lidar.config.base_SE3_sensor(body.height_m).translation)
-            got.append(sight.expected_returns(at, who, body.actor_id))
+            got.append(sight.expected_returns(at[None], who, [body.actor_id])[0])
     real, imagined = np.concatenate(want), np.concatenate(got)
     assert ((real > 0) == (imagined > 0)).mean() > (0.9 if weather is None else 0.85)
     assert 0.8 < imagined.sum() / real.sum() < 1.25
@@ -107,8 +106,8 @@ def test_the_thicker_the_fog_the_fewer_and_the_nearer_returns() -> None:
     who = actors([[10.0, 0.0, 0.0], [-20.0, 30.0, 0.0], [60.0, 25.0, 0.0]])
     counts = [expected(who)]
     for visibility_m in (500.0, 150.0, 50.0):
-        sight = LineOfSight((), BEAMS, 1024, 120.0, Weather(fog_visibility_m=visibility_m))
-        counts.append(sight.expected_returns(SENSOR_M, who, None))
+        sight = ReturnsEstimator((), BEAMS, 1024, 120.0, Weather(fog_visibility_m=visibility_m))
+        counts.append(sight.expected_returns(SENSOR_M[None], who, [None])[0])
     assert (np.diff(counts, axis=0) <= 0).all()
     assert counts[-1][0] > 0.9 * counts[0][0] and counts[-1][2] == 0 < counts[1][2]
 

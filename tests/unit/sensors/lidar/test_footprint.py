@@ -10,10 +10,10 @@ from sensor_scenes import box_part, ground, triangles
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3
-from coopsim.sensors.lidar.footprint import footprint_patterns, merge_echoes
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
 from coopsim.sensors.lidar.patterns import PATTERNS, BeamPattern
-from coopsim.sensors.raycast import RayScene
+from coopsim.sensors.lidar.returns import footprint_patterns, merge_echoes
+from coopsim.sensors.scene import RayScene
 from coopsim.support.rng import stream
 from coopsim.types import Sweep
 

@@ -13,7 +13,7 @@ from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
 from coopsim.sensors.lidar.patterns import BeamPattern
-from coopsim.sensors.raycast import RayScene
+from coopsim.sensors.scene import RayScene
 from coopsim.support.rng import stream
 from coopsim.types import Sweep
 from coopsim.world.snapshot import Actors, StaticPart

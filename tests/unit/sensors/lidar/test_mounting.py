@@ -10,9 +10,8 @@ from sensor_scenes import actors, box_model, box_part, ground, triangles
 
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.se3 import SE3
-from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
-from coopsim.sensors.lidar.mounting import require_free_mount
-from coopsim.sensors.raycast import RayScene
+from coopsim.sensors.lidar.lidar import Lidar, LidarConfig, require_free_mount
+from coopsim.sensors.scene import RayScene
 from coopsim.support.rng import stream
 from coopsim.types import Sweep
 from coopsim.world.models import make_models

@@ -9,7 +9,7 @@ import pytest
 
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.sensors.lidar.lidar import LidarConfig
-from coopsim.sensors.lidar.pattern_files import find_pattern, load_pattern
+from coopsim.sensors.lidar.patterns import find_pattern, load_pattern
 
 CSV = "elevation_deg,azimuth_deg\n10, 1.5\n-2.5,-1.5\n\n-20,0\n"
 YAML = "elevation_deg: [10, -2.5, -20]\nazimuth_deg: [1.5, -1.5, 0]\n"

@@ -13,9 +13,8 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
 from coopsim.sensors.lidar.patterns import BeamPattern
-from coopsim.sensors.lidar.revolution import SECTORS, earlier, interpolate
-from coopsim.sensors.raycast import RayScene
-from coopsim.sensors.scene import SceneGeometry
+from coopsim.sensors.lidar.ray_grid import SECTORS, earlier, interpolate
+from coopsim.sensors.scene import RayScene, SceneGeometry
 from coopsim.support.rng import stream
 from coopsim.types import Sweep
 from coopsim.world.snapshot import Actors, StaticPart

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coopsim.errors import InvalidValueError
-from coopsim.sensors.lidar.tally import count_returns
+from coopsim.sensors.lidar.returns import count_returns
 from coopsim.types import Sweep
 
 

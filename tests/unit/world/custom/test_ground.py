@@ -8,8 +8,7 @@ import yaml
 
 from coopsim.envs.simulated.scenario_file import SHIPPED
 from coopsim.errors import InvalidValueError
-from coopsim.sensors.raycast import RayScene
-from coopsim.sensors.scene import static_triangles
+from coopsim.sensors.scene import RayScene, static_triangles
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.custom.place import place_from
 from coopsim.world.places.layout import Layout

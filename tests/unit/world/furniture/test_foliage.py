@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
-from coopsim.sensors.raycast import RayScene
-from coopsim.sensors.scene import Triangles
+from coopsim.sensors.scene import RayScene, Triangles
 from coopsim.support.rng import stream
 from coopsim.world.furniture import foliage
 from coopsim.world.furniture.foliage import CROWN_PLATES, HEDGE_PLATES_PER_M

@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.sensors.lidar.cast.ray_grid import RayGrid
-from coopsim.sensors.lidar.expected_returns import LineOfSight
+from coopsim.sensors.lidar.ray_grid import RayGrid
+from coopsim.sensors.lidar.expected_returns import ReturnsEstimator
 from coopsim.sensors.lidar.patterns import PATTERNS
-from coopsim.sensors.raycast import RayScene
+from coopsim.sensors.scene import RayScene
 from coopsim.sensors.scene import static_triangles
 from coopsim.world.custom.place import place_from
 from coopsim.world.furniture.free_ground import lanes_of, lines_of
@@ -229,8 +229,8 @@ def test_furniture_hides_where_no_rays_are_cast() -> None:
     car = Actors(one, boxes, np.zeros((1, 2)), 0 * one, 0 * one, np.zeros((1, 3), dtype=np.uint8))
 
     def returns(*entries: FurnitureEntry) -> int:
-        sight = LineOfSight(furnishing_parts(entries), PATTERNS.get("HDL-64E"), 1800, 100.0)
-        return int(sight.expected_returns(np.array([0.0, 0.0, 1.5]), car, None)[0])
+        sight = ReturnsEstimator(furnishing_parts(entries), PATTERNS.get("HDL-64E"), 1800, 100.0)
+        return int(sight.expected_returns(np.array([[0.0, 0.0, 1.5]]), car, [None])[0, 0])
 
     free = returns()
     assert free > 200

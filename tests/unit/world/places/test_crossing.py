@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from shapely import LineString, MultiPoint, Polygon, contains_xy, union_all
 from worlds import DT_S, frames, make_world, people, speed_of
 
-from coopsim.types.maneuvers import MANEUVERS
+from coopsim.types.messages import MANEUVERS
 from coopsim.world.scenario import make_scenario
 
 MAP = make_scenario("crossing").layout.road_map

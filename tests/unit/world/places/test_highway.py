@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from worlds import DT_S, frames, make_world, place_of, speed_of
 
-from coopsim.types.maneuvers import MANEUVERS
+from coopsim.types.messages import MANEUVERS
 from coopsim.world.models import make_models
 from coopsim.world.places.highway import make_highway
 from coopsim.world.population import Population

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from coopsim.errors import InvalidValueError, UnknownNameError
-from coopsim.types.maneuvers import MANEUVERS
+from coopsim.types.messages import MANEUVERS
 from coopsim.world.places.road_network import RoadNetwork
 from coopsim.world.scenario import make_scenario
 from coopsim.world.traffic import drivers, lanes, motion, rules

@@ -1,1 +1,0 @@
-"""Casting the rays of a spinning LiDAR."""
