@@ -1,4 +1,4 @@
-"""The arithmetic of networks, as a setting of the process; asking for it does not load torch.
+"""The arithmetic of networks, as a setting of the process, and a watch on the weights that are loaded, without torch.
 
 A network multiplies in float32, or in bfloat16, which is quicker where the processor or GPU has it. Everything else
 (geometry, tracking, scores) is float32 or float64 always. The setting is the environment variable `COOPSIM_PRECISION`,
@@ -8,6 +8,9 @@ so worker processes have that of the process that started them.
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -68,3 +71,28 @@ def multiplies_bfloat16() -> bool:
 
     checks = ("_is_avx512_bf16_supported", "_is_amx_tile_supported")
     return any(bool(getattr(torch.cpu, check, bool)()) for check in checks)
+
+
+_FOUND: ContextVar[dict[Path, str] | None] = ContextVar("found", default=None)
+
+
+@contextmanager
+def watch_weights() -> Iterator[dict[Path, str]]:
+    """Collect the weights that are looked up within the block, by this thread: their files, and their names."""
+    found = dict[Path, str]()
+    before = _FOUND.set(found)
+    try:
+        yield found
+    finally:
+        _FOUND.reset(before)
+
+
+def note_weights(name_or_path: str | Path, path: Path) -> Path:
+    """Tell the watching block, if there is one, that weights are looked up. Return the path of their file.
+
+    The library looks up by path what was found by name, so the first name of a file counts.
+    """
+    found = _FOUND.get()
+    if found is not None:
+        found.setdefault(path, str(name_or_path))
+    return path
