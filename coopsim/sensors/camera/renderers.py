@@ -16,7 +16,6 @@ from coopsim.errors import MissingDependencyError
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.sensors.camera.camera import Camera
 from coopsim.sensors.camera.intrinsics import Intrinsics, LensLookup
-from coopsim.sensors.camera.pyrender_reference.pyrender_renderer import PyrenderRenderer
 from coopsim.sensors.camera.renderer import PixelHits, Renderer
 from coopsim.sensors.scene import RayScene, Triangles
 from coopsim.support.checks import require_choice
@@ -259,6 +258,8 @@ def make_renderer(name: str) -> Renderer:
     if name == "raycast":
         return RaycastRenderer()
     if name == "pyrender":
+        from coopsim.sensors.camera.pyrender_reference.pyrender_renderer import PyrenderRenderer
+
         return PyrenderRenderer()
     try:
         return OpenGLRenderer()
