@@ -22,9 +22,8 @@ from tqdm import tqdm
 import coopsim
 from coopsim.sensors.camera.camera import Camera
 from coopsim.sensors.camera.intrinsics import Intrinsics
-from coopsim.viz.portrait import draw_overhead
 from coopsim.viz.point_picture import draw_points
-from coopsim.viz.portrait import contact_sheet
+from coopsim.viz.portrait import contact_sheet, draw_overhead
 from coopsim.world.towns.options import PlaceSeeds, TownOptions
 from coopsim.world.towns.scenarios import TownScenarios
 from coopsim.world.world import World

@@ -13,11 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.sensors.lidar.ray_grid import RayGrid
 from coopsim.sensors.lidar.expected_returns import ReturnsEstimator
 from coopsim.sensors.lidar.patterns import PATTERNS
-from coopsim.sensors.scene import RayScene
-from coopsim.sensors.scene import static_triangles
+from coopsim.sensors.lidar.ray_grid import RayGrid
+from coopsim.sensors.scene import RayScene, static_triangles
 from coopsim.world.custom.place import place_from
 from coopsim.world.furniture.free_ground import lanes_of, lines_of
 from coopsim.world.furniture.furnish import (
