@@ -17,8 +17,8 @@ from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.support.rng import stream
 from coopsim.testing.harness import SensorFrames, name_of, require_same, sensor_frames, untouched
 from coopsim.types import Detections, SensorView
-from coopsim.types.valid_detections import normalize_embeddings
 from coopsim.types.taxonomy import require_classes
+from coopsim.types.valid_detections import normalize_embeddings
 
 _FRAMES = 3
 _TOLERANCE = 1e-3  # of a batch in another order

@@ -21,8 +21,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import require_choice, require_count
-from coopsim.support.processes import cause_of_end, cores, start_python
-from coopsim.support.processes import import_ray, ray_environment, start_ray
+from coopsim.support.processes import cause_of_end, cores, import_ray, ray_environment, start_python, start_ray
 
 DoneT = TypeVar("DoneT")
 DoneT_co = TypeVar("DoneT_co", covariant=True)

@@ -128,7 +128,7 @@ def test_broken_embeddings_are_refused() -> None:
         payload[:head] + b"\xff\xff" + payload[head + 2 :],
         codec.encode(detections(0)) + b"\x01\0",
     ):
-        with pytest.raises(CodecError, match="are not an embedding for each|are not the velocities of"):
+        with pytest.raises(CodecError, match=r"are not an embedding for each|are not the velocities of"):
             codec.decode(broken)
     for value in (np.inf, np.nan):
         with pytest.raises(CodecError, match="must be finite"):
