@@ -15,8 +15,8 @@ from coopsim.geometry.nms import suppress
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Detections, Ints, Mask
-from coopsim.types.valid_detections import normalize_embeddings
 from coopsim.types.groups import DetectionGroups
+from coopsim.types.valid_detections import normalize_embeddings
 
 _LEAST_WEIGHT = 1e-6
 
