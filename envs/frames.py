@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
-from coopsim.sensors.visibility import Visibility
-from coopsim.sensors.visibility import PixelVisibility
+from coopsim.sensors.visibility import PixelVisibility, Visibility
 from coopsim.types import AgentSpec, CameraImage, GroundTruth, Ints, Observation, stack_xyz_yaw
 from coopsim.types.sensing import TRUTH_MODES
 from coopsim.wire.observation_format import ObservationFormat, pack_image

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from coopsim.envs.simulated.simulation_options import SimulationOptions, lidar_carriers
+from coopsim.sensors.camera.camera import Rig, agent_rigs
 from coopsim.sensors.camera.picture import CameraRig
 from coopsim.sensors.camera.renderers import make_renderer
-from coopsim.sensors.camera.camera import Rig, agent_rigs
-from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
-from coopsim.sensors.lidar.lidar import require_above_ground, require_free_mount
+from coopsim.sensors.lidar.lidar import Lidar, LidarConfig, require_above_ground, require_free_mount
 from coopsim.sensors.visibility import VisibilityProbe
 from coopsim.types import CameraCalibration, CameraImage, LidarMounting
 from coopsim.types.sensing import OBSERVED_MODES

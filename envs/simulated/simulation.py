@@ -21,10 +21,8 @@ from coopsim.envs.simulated.lidar_sensing import (
 from coopsim.envs.simulated.perception import Perception, observation_format
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.sensors.lidar.lidar import LidarConfig
-from coopsim.sensors.scene import RayScene
-from coopsim.sensors.scene import SceneGeometry
-from coopsim.sensors.visibility import Visibility
-from coopsim.sensors.visibility import PixelVisibility, measure_pixels
+from coopsim.sensors.scene import RayScene, SceneGeometry
+from coopsim.sensors.visibility import PixelVisibility, Visibility, measure_pixels
 from coopsim.support.arrays import look_up
 from coopsim.types import AgentSpec, CameraImage, Ints, Sweep, seconds_to_ns
 from coopsim.world.recording.episode_file import Episode

@@ -13,14 +13,13 @@ from coopsim.detection.presets import DEFAULT_DETECTOR
 from coopsim.envs.options import PerceptionOptions
 from coopsim.errors import InvalidValueError
 from coopsim.localization.localizer import LocalizationConfig
+from coopsim.sensors import FARTHEST_M
+from coopsim.sensors.camera.camera import RigOption, check_rig
 from coopsim.sensors.camera.daylight import Daylight, Illumination, as_daylight
 from coopsim.sensors.camera.picture import require_modes
 from coopsim.sensors.camera.renderers import RENDERERS
-from coopsim.sensors.camera.camera import RigOption, check_rig
 from coopsim.sensors.lidar.lidar import MOST_COLUMNS, LidarConfig
-from coopsim.sensors.lidar.patterns import SUFFIXES
-from coopsim.sensors.lidar.patterns import PATTERNS, BeamPattern
-from coopsim.sensors import FARTHEST_M
+from coopsim.sensors.lidar.patterns import PATTERNS, SUFFIXES, BeamPattern
 from coopsim.sensors.weather import Weather
 from coopsim.support.checks import (
     require_between,
