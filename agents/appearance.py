@@ -25,8 +25,8 @@ from coopsim.tracking.motion.constant_velocity import ConstantVelocity, Motion
 from coopsim.tracking.motion.turning import ConstantTurnRateAcceleration
 from coopsim.tracking.tracker import Tracker
 from coopsim.types import AgentSpec, Detections, Observation
-from coopsim.types.valid_detections import normalize_embeddings
 from coopsim.types.taxonomy import SUPERCLASS_NUMBERS, Superclass
+from coopsim.types.valid_detections import normalize_embeddings
 
 if TYPE_CHECKING:
     from coopsim.detection.embedder import Embedder

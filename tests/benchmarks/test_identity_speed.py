@@ -16,8 +16,8 @@ from coopsim.detection.identity_embedders import CropEmbedder
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.learn.weights import make_network
 from coopsim.nn.inference.encoders import folded
-from coopsim.sensors.camera.projection import best_crops
 from coopsim.sensors.camera.camera import named_rig
+from coopsim.sensors.camera.projection import best_crops
 from coopsim.types import CameraImage, Detections, Odometry, SensorView
 
 
