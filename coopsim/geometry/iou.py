@@ -70,7 +70,8 @@ def axial_xiou(a: ArrayLike, b: ArrayLike) -> Floats:
     It is `xiou` with the second box turned by half a turn where that makes it larger: for detectors that confuse front
     and back.
     """
-    return (giou_3d(a, b) + 1) * (np.abs(_same_heading(a, b)) + 1) / 4
+    affinity: Floats = (giou_3d(a, b) + 1) * (np.abs(_same_heading(a, b)) + 1) / 4
+    return affinity
 
 
 def center_distance_bev(a: ArrayLike, b: ArrayLike) -> Floats:

@@ -143,7 +143,7 @@ def match_next_frame(
         ends[0], place, ends[1], track_id, ends[2], pairs.truth[alike], pairs.track[alike], pairs.iou_3d[alike]
     )
     found = match_sequence(data, np.ones(len(track_id), np.bool_), memory, frame)
-    return True, counts, pairs, found.matched.sum(), np.count_nonzero(found.switched), memory
+    return True, counts, pairs, found.matched.sum(), int(np.count_nonzero(found.switched)), memory
 
 
 @njit(cache=True, nogil=True)

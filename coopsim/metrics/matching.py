@@ -126,7 +126,7 @@ def match_sequence(data: SequenceArrays, active: Mask, memory: Ints, first: int)
                 weight[p] += KEEP_BONUS
         end, end_track = data.truth_start[number + 1], data.track_start[number + 1]
         chosen = match_pairs(end - start, end_track - start_track, rows, columns, weight)
-        false_positives += np.count_nonzero(active[start_track:end_track]) - np.count_nonzero(chosen >= 0)
+        false_positives += int(np.count_nonzero(active[start_track:end_track]) - np.count_nonzero(chosen >= 0))
         for row in range(start, end):
             object_, before, pair = data.truth[row], memory[data.truth[row]], chosen[row - start]
             present[object_] += 1

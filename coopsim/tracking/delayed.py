@@ -200,7 +200,7 @@ class _Senders:
             tracker.step(found, captured_ns)
             self._trackers[source] = tracker
         else:
-            confirmed = np.isfinite(found.velocity).all(axis=1)
+            confirmed = np.asarray(np.isfinite(found.velocity).all(axis=1))
             velocity = np.where(confirmed[:, None], found.velocity, 0.0)
         measured.append(_Moving(captured_ns, found, velocity, confirmed))
         return True

@@ -61,14 +61,16 @@ class TrackStates:
 
     def __getitem__(self, index: Any) -> TrackStates:
         beliefs = Beliefs(self.beliefs.mean[index], self.beliefs.covariance[index])
-        return TrackStates(beliefs, *(column[index] for column in self._columns), self.appearance.take(index))
+        values: list[Any] = [beliefs, *(column[index] for column in self._columns), self.appearance.take(index)]
+        return TrackStates(*values)
 
     def join(self, other: TrackStates) -> TrackStates:
         """Return these tracks followed by the others."""
         one, two = self.beliefs, other.beliefs
         beliefs = Beliefs(np.concatenate([one.mean, two.mean]), np.concatenate([one.covariance, two.covariance]))
-        columns: Iterator[Any] = (np.concatenate(pair) for pair in zip(self._columns, other._columns, strict=True))
-        return TrackStates(beliefs, *columns, self.appearance.join(other.appearance))
+        columns = (np.concatenate(pair) for pair in zip(self._columns, other._columns, strict=True))
+        values: list[Any] = [beliefs, *columns, self.appearance.join(other.appearance)]
+        return TrackStates(*values)
 
     @property
     def _columns(self) -> Iterator[Any]:

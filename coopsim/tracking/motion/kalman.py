@@ -53,7 +53,7 @@ def _are_covariances(matrices: Floats) -> NDArray[np.bool_]:
 
     Rounding in single precision, on the way through a message, may spoil symmetry by 1e-6 of the largest element.
     """
-    good: NDArray[np.bool_] = np.isfinite(matrices).all(axis=(1, 2))
+    good: NDArray[np.bool_] = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
     finite = np.where(good[:, None, None], matrices, np.eye(matrices.shape[1]))
     skew = np.abs(finite - finite.transpose(0, 2, 1)).max(axis=(1, 2), initial=0.0)
     good &= skew <= 1e-6 * np.abs(finite).max(axis=(1, 2), initial=0.0)
