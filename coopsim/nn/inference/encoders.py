@@ -46,7 +46,7 @@ class SensedFrame:
     """
 
     encoder: FrameEncoder
-    points: Points | None = None
+    points: Points = field(default_factory=lambda: np.zeros((0, 5), np.float32))
     pictures: Sequence[SeenPicture] = ()
     depth_points_m: Points | None = None
     heading_rad: float = 0.0
