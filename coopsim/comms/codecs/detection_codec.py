@@ -74,7 +74,7 @@ def velocity_rows(velocity: Floats | None) -> bytes:
         return b""
     known: Mask = np.isfinite(velocity).all(axis=1)
     steps = np.rint(100 * np.where(known[:, None], velocity, 0.0))
-    known &= (np.abs(steps) < -_UNKNOWN).all(axis=1)
+    known = np.logical_and(known, (np.abs(steps) < -_UNKNOWN).all(axis=1))
     return np.where(known[:, None], steps, _UNKNOWN).astype(VELOCITY_ROW.base).tobytes() if known.any() else b""
 
 
