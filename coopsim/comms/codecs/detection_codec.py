@@ -72,9 +72,9 @@ def velocity_rows(velocity: Floats | None) -> bytes:
     """
     if velocity is None:
         return b""
-    known: Mask = np.isfinite(velocity).all(axis=1)
-    steps = np.rint(100 * np.where(known[:, None], velocity, 0.0))
-    known = np.logical_and(known, (np.abs(steps) < -_UNKNOWN).all(axis=1))
+    stated: Mask = np.asarray(np.isfinite(velocity).all(axis=1))
+    steps = np.rint(100 * np.where(stated[:, None], velocity, 0.0))
+    known: Mask = stated & np.asarray((np.abs(steps) < -_UNKNOWN).all(axis=1))
     return np.where(known[:, None], steps, _UNKNOWN).astype(VELOCITY_ROW.base).tobytes() if known.any() else b""
 
 
