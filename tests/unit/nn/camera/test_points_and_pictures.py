@@ -64,7 +64,7 @@ def test_measured_depths_move_what_is_laid() -> None:
     net = encoder(shaken=True)
     own = np.random.default_rng(3).uniform([2, -10, 0], [20, 10, 3], (400, 3))
     plain, measured = (collate_pictures([tiny_view(AHEAD, points_m=each)]) for each in (None, own))
-    one, other = (net.pictures.canvas(batch, net.look(batch)) for batch in (plain, measured))
+    one, other = (net.pictures.canvas(batch, net.read(batch)) for batch in (plain, measured))
     assert not torch.allclose(one, other)
 
 
