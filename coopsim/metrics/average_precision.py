@@ -14,7 +14,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import rankdata
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
@@ -209,5 +208,6 @@ def separation(similarity: ArrayLike, same: ArrayLike) -> float:
     alike, unlike = int(same.sum()), int((~same).sum())
     if not alike or not unlike:
         return math.nan
-    ranks = rankdata(np.asarray(similarity, dtype=np.float64))
+    _, place, count = np.unique(np.asarray(similarity, dtype=np.float64), return_inverse=True, return_counts=True)
+    ranks = (np.cumsum(count) - (count - 1) / 2)[place]  # equal ones share the mean of their ranks
     return float((ranks[same].sum() - alike * (alike + 1) / 2) / (alike * unlike))

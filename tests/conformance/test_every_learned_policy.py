@@ -381,7 +381,7 @@ def test_points_are_encoded_and_messages_decoded_once(name: str) -> None:
     if name in FUSIONS:
         perceiver = policy._perceiver  # type: ignore[attr-defined]
         encode = perceiver.encode
-        perceiver.encode = lambda looks, places: counts.update(encode=counts["encode"] + 1) or encode(looks, places)
+        perceiver.encode = lambda frames: counts.update(encode=counts["encode"] + 1) or encode(frames)
     coopsim.evaluate(policy, seed=1, **SMALL)
     agents, steps = len(policy.specs), SMALL["max_cycles"] + 1
     assert counts["decode"] <= agents * steps and agents > 1

@@ -149,4 +149,4 @@ def test_all_kernels_of_ours_are_kept_so() -> None:
     files = [path for room in ("coopsim", "envs", "agents") for path in (ROOT / room).rglob("*.py")]
     direct = re.compile(r"^\s*(from|import) numba\b", re.MULTILINE)
     found = [path.name for path in files if direct.search(path.read_text())]
-    assert len(files) > 500 and set(found) == {"kernels.py"}
+    assert len(files) > 400 and set(found) == {"kernels.py"}
