@@ -188,6 +188,14 @@ def test_files_that_pages_name_exist() -> None:
     assert not [f"{page}: {file}" for page, file in sorted(named) if not (ROOT / file).exists()]
 
 
+def test_files_that_pages_name_without_a_folder_exist() -> None:
+    """Except `mine.py`, which stands for a user's own."""
+    rooms = ("coopsim", "envs", "agents", "tests", "scripts", "examples")
+    files = {path.name for room in rooms for path in (ROOT / room).rglob("*.py")} | {"mine.py"}
+    named = {(page, file) for page, text in PAGES.items() for file in re.findall(r"`(\w+\.py)`", text)}
+    assert named and not [f"{page}: {file}" for page, file in sorted(named) if file not in files]
+
+
 def test_the_notebook_is_stored_without_what_it_printed() -> None:
     cells = json.loads((ROOT / "examples" / "walkthrough.ipynb").read_text(encoding="utf-8"))["cells"]
     code = [cell for cell in cells if cell["cell_type"] == "code"]
