@@ -94,14 +94,15 @@ class Detections:
             return cls.empty()
         if len(full) == 1:
             return replace(full[0], seen_by=None)
+        counts = [len(part) for part in full]
         covariances = [part.covariance for part in full if part.covariance is not None]
         return cls.trusted(
             Boxes3D.concatenate(part.boxes for part in full),
             np.concatenate([part.score for part in full]),
             np.concatenate([part.label for part in full]),
             np.concatenate(covariances) if len(covariances) == len(full) else None,
-            _joined_embeddings(full),
-            velocity=_joined_velocities(full),
+            _joined([part.embedding for part in full], counts),
+            velocity=_joined([part.velocity for part in full], counts),
         )
 
     def __len__(self) -> int:
@@ -154,27 +155,18 @@ def diagonals(variance: Floats) -> Floats:
     return covariance
 
 
-def _joined_velocities(parts: Sequence[Detections]) -> Floats | None:
-    """Join velocities as `Detections.concatenate` says: (N, 2), or None if no part has any."""
-    if all(part.velocity is None for part in parts):
-        return None
-    unknown = (np.full((len(part), 2), np.nan) for part in parts)
-    return np.concatenate(
-        [none if part.velocity is None else part.velocity for part, none in zip(parts, unknown, strict=True)]
-    )
+def _joined(columns: Sequence[Floats | None], counts: Sequence[int]) -> Floats | None:
+    """Join a column (N, D) of parts as `Detections.concatenate` says: None if no part has it.
 
-
-def _joined_embeddings(parts: Sequence[Detections]) -> Floats | None:
-    """Join embeddings as `Detections.concatenate` says: (N, D), or None if no part has any."""
-    width = next((part.embedding.shape[1] for part in parts if part.embedding is not None), None)
+    Parts without it, or with another width than the first that has it, get NaN.
+    """
+    width = next((column.shape[1] for column in columns if column is not None), None)
     if width is None:
         return None
     return np.concatenate(
         [
-            part.embedding
-            if part.embedding is not None and part.embedding.shape[1] == width
-            else np.full((len(part), width), np.nan)
-            for part in parts
+            column if column is not None and column.shape[1] == width else np.full((count, width), np.nan)
+            for column, count in zip(columns, counts, strict=True)
         ]
     )
 

@@ -40,7 +40,8 @@ class ShareDetections(ContentUplink[Any]):
         self._trackers: dict[str, OnBoardTracker] = {}
 
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
-        self._trackers[spec.name] = OnBoardTracker()
+        if self._velocities:
+            self._trackers[spec.name] = OnBoardTracker()
 
     def content_of(self, sender: str, observation: Observation) -> Any:
         found = observation.detections

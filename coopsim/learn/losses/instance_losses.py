@@ -11,12 +11,11 @@ from torch.nn import functional
 
 from coopsim.geometry.assignment import hungarian
 from coopsim.learn.samples.query_streams import TrueObjects
-from coopsim.nn.detector.decode import GROUPS
+from coopsim.nn.detector.decode import GROUP_OF_LABEL
 from coopsim.nn.integrated.integrated_net import IntegratedStep
 from coopsim.nn.queries.cooptrack_fusion import ComparedInstances
 from coopsim.nn.queries.instance_fusion import IMPOSSIBLE
 from coopsim.nn.queries.instances import Instances
-from coopsim.types.taxonomy import ObjectClass
 
 LABEL_REACH_M = 3.0
 """Largest distance on the ground of an instance and its object."""
@@ -48,7 +47,7 @@ class LabelledInstances:
 def labelled(known: Instances, truth: TrueObjects) -> LabelledInstances:
     """Match instances with objects of their group of classes by the distances of their centres (Hungarian)."""
     away = torch.cdist(known.box[:, :2].detach(), truth.box[:, :2]).double().numpy()
-    group, others = _GROUP_OF[known.label.numpy()], _GROUP_OF[truth.label.numpy()]
+    group, others = GROUP_OF_LABEL[known.label.numpy()], GROUP_OF_LABEL[truth.label.numpy()]
     possible = (away <= LABEL_REACH_M) & (group[:, None] == others)
     rows, objects = hungarian(np.where(possible, -away, -np.inf), -np.inf)
     return LabelledInstances(torch.from_numpy(rows), torch.from_numpy(objects))
@@ -102,9 +101,6 @@ def focal_loss(logits: Tensor, target: Tensor, alpha: float, gamma: float) -> Te
     right = torch.where(target > 0.5, logits, -logits)
     weight = torch.where(target > 0.5, alpha, 1 - alpha)
     return -weight * (1 - right.sigmoid()) ** gamma * functional.logsigmoid(right)
-
-
-_GROUP_OF = np.array([next(k for k, group in enumerate(GROUPS) if cls in group) for cls in ObjectClass])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

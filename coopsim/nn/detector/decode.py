@@ -20,6 +20,9 @@ GROUPS: tuple[tuple[ObjectClass, ...], ...] = (
 )
 """Classes that one object can be taken for: a cell is at most one object of each group."""
 
+GROUP_OF_LABEL = np.array([next(k for k, group in enumerate(GROUPS) if cls in group) for cls in ObjectClass])
+"""By label: number of the group."""
+
 DUPLICATE_IOU = 0.15
 """BEV IoU from which two boxes of a group are one object, as in OpenCOOD."""
 
@@ -43,7 +46,7 @@ def decode(
         code = head.codes(at_cells(shared, batch * (rows * columns) + cell))
         boxes, _ = decode_boxes(code, label, cell_centers(cell, grid), grid.cell_m)
         covariance = covariances(code[:, LOG_VARIANCE], boxes)
-    group = _GROUP_OF[label.numpy(force=True)]
+    group = GROUP_OF_LABEL[label.numpy(force=True)]
     arrays = [each.numpy(force=True) for each in (batch, boxes, score, label, covariance)]
     return [_one(number, group, *arrays) for number in range(len(features))]
 
@@ -54,9 +57,6 @@ def cell_centers(cell: Tensor, grid: BevGrid) -> Tensor:
     x = grid.x_m[0] + (cell % columns + 0.5) * grid.cell_m
     y = grid.y_m[0] + (torch.div(cell, columns, rounding_mode="floor") + 0.5) * grid.cell_m
     return torch.stack([x, y], dim=1).float()
-
-
-_GROUP_OF = np.array([next(k for k, group in enumerate(GROUPS) if cls in group) for cls in ObjectClass])
 
 
 def _peaks(logits: Tensor, least_score: float, most: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:

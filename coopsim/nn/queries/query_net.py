@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.nms import nms_bev
-from coopsim.nn.detector.decode import DUPLICATE_IOU, GROUPS
+from coopsim.nn.detector.decode import DUPLICATE_IOU, GROUP_OF_LABEL, GROUPS
 from coopsim.nn.queries.attention import InstanceHistory, mlp
 from coopsim.nn.queries.cooptrack_fusion import BLOCK, ComparedInstances, CoopTrackFusion, ReceivedInstances
 from coopsim.nn.queries.decoder import InstanceDecoder, InstanceHeads, MotionFeatures, QueryStart
@@ -19,7 +19,6 @@ from coopsim.nn.queries.instances import LONGEST_S, Instances, met
 from coopsim.nn.queries.univ2x_fusion import UniV2XFusion
 from coopsim.support.checks import require_choice, require_count
 from coopsim.types import BevGrid
-from coopsim.types.taxonomy import ObjectClass
 from coopsim.types.valid_detections import FARTHEST_M
 
 FUSIONS = ("none", "cooptrack", "univ2x")
@@ -198,7 +197,7 @@ def kept_instances(found: Instances) -> Instances:
 def without_duplicates(found: Instances) -> Instances:
     """Return the instances less those that overlap a surer one of a group of classes, as the detector does it."""
     box, score = found.box.double().cpu().numpy(), found.score.double().cpu().numpy()
-    group = _GROUP_OF[found.label.cpu().numpy()]
+    group = GROUP_OF_LABEL[found.label.cpu().numpy()]
     kept = [np.zeros(0, np.int64)]
     for each in range(len(GROUPS)):
         rows = np.flatnonzero(group == each)
@@ -212,6 +211,3 @@ def _make_fusion(config: QueryConfig) -> CoopTrackFusion | UniV2XFusion | None:
     if config.fusion == "univ2x":
         return UniV2XFusion(config.width)
     return CoopTrackFusion(config.width, motion=config.motion, alignment=config.alignment, graph=config.graph)
-
-
-_GROUP_OF = np.array([next(k for k, group in enumerate(GROUPS) if cls in group) for cls in ObjectClass])
