@@ -18,9 +18,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from coopsim.geometry.se3 import Floats, wrap_angle
-from coopsim.planning.planner import HAS_PRIORITY, LARGEST_BRAKING_M_S2, PLANNERS, PlannedCar, Planner
+from coopsim.planning.planner import PLANNERS, PlannedCar, Planner
 from coopsim.support.checks import require_positive
 from coopsim.types import NS_PER_S, Mask, Tracks
+from coopsim.types.driving import HAS_PRIORITY, LARGEST_BRAKING_M_S2
 from coopsim.types.taxonomy import ObjectClass
 
 _ON_FOOT = (ObjectClass.PEDESTRIAN, ObjectClass.CHILD)

@@ -5,66 +5,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
-import numpy as np
-
 from coopsim.config.spec import instantiate, parse_spec
-from coopsim.geometry.se3 import Floats
-from coopsim.support.arrays import frozen
 from coopsim.support.registry import Registry
-from coopsim.types import Ints, Tracks
-
-GIVES_WAY, NOBODY_FIRST, HAS_PRIORITY = -1, 0, 1
-"""Right of way on a piece of a route: others go first; whoever comes first goes first; the car itself goes first."""
-
-LARGEST_BRAKING_M_S2, LARGEST_ACCELERATION_M_S2 = 8.0, 3.0
-"""Bounds of what a planner can ask for: full braking of a passenger car on a dry road, and brisk acceleration."""
-
-JERK_M_S3 = 40.0
-"""Fastest change of a car's acceleration: hydraulic brakes reach full braking 0.2 s after it is asked for."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Route:
-    """The way ahead of a car: points of the middle of its lanes, in the car's base frame, at equal distances.
-
-    Attributes:
-        points: (K, 2) m, K >= 2; the first is the one nearest to the car's middle.
-        spacing_m: distance from each point to the next, along the lanes.
-        speed_limit_m_s: (K,) legal speed, or less where a bend is too narrow for it.
-        right_of_way: (K,) `GIVES_WAY`, `NOBODY_FIRST` or `HAS_PRIORITY`.
-    """
-
-    points: Floats
-    spacing_m: float
-    speed_limit_m_s: Floats
-    right_of_way: Ints
-
-    def __post_init__(self) -> None:
-        count = len(self.points)
-        object.__setattr__(self, "points", frozen(self.points, (count, 2), np.float64, "points"))
-        object.__setattr__(
-            self, "speed_limit_m_s", frozen(self.speed_limit_m_s, (count,), np.float64, "speed_limit_m_s")
-        )
-        object.__setattr__(self, "right_of_way", frozen(self.right_of_way, (count,), np.int64, "right_of_way"))
-
-    @property
-    def tangents(self) -> Floats:
-        """Unit vectors (K, 2) along the route."""
-        steps = np.diff(self.points, axis=0, append=2 * self.points[-1:] - self.points[-2:-1])
-        unit: Floats = steps / np.maximum(np.hypot(steps[:, 0], steps[:, 1]), 1e-9)[:, None]
-        return unit
-
-    def place(self, points: Floats) -> tuple[Floats, Floats, Ints]:
-        """Return the distance along the route (M,) m, that to its left (M,) m, and the nearest point (M,) of places.
-
-        Args:
-            points: (M, 2) m in the car's base frame.
-        """
-        apart = points[:, None] - self.points
-        nearest: Ints = np.argmin(np.einsum("mkd,mkd->mk", apart, apart), axis=1)
-        tangent, offset = self.tangents[nearest], points - self.points[nearest]
-        along = nearest * self.spacing_m + np.einsum("md,md->m", offset, tangent)
-        return along, tangent[:, 0] * offset[:, 1] - tangent[:, 1] * offset[:, 0], nearest
+from coopsim.types import Tracks
+from coopsim.types.driving import Route
 
 
 @dataclass(frozen=True, slots=True, eq=False)

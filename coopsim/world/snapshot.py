@@ -14,6 +14,7 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.arrays import frozen, sealed
 from coopsim.types import Ints
+from coopsim.types.driving import Command
 from coopsim.world.models.model import Model
 
 
@@ -178,7 +179,7 @@ class WorldSource(Protocol):
     static: tuple[StaticPart, ...]
     map: RoadMap
 
-    def step(self, dt_s: float, maneuvers: Mapping[str, int] | None = None) -> None:
+    def step(self, dt_s: float, commands: Mapping[str, Command] | None = None) -> None:
         """Advance by `dt_s`."""
 
     def actors(self) -> Actors:

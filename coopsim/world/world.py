@@ -11,6 +11,7 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, SE3Batch, wrap_angle
 from coopsim.support.rng import uniform_numbers
 from coopsim.types import Ints
+from coopsim.types.driving import CarState, Command
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.model import Model
 from coopsim.world.models.paint import Colors, draw_colors
@@ -35,11 +36,12 @@ class World:
     Args:
         scenario: place and population.
         seed: decides everything that happens.
-        policy_control: connected cars obey the maneuvers given to `step`, instead of driving by themselves.
+        control: "traffic" drives connected cars, or they obey the maneuvers ("policy") or the accelerations
+            ("acceleration") that are given to `step`.
         traffic: engine of the vehicles, one of `coopsim.world.traffic.traffic.ENGINES`.
     """
 
-    def __init__(self, scenario: Scenario, seed: int, *, policy_control: bool = False, traffic: str = "arrays") -> None:
+    def __init__(self, scenario: Scenario, seed: int, *, control: str = "traffic", traffic: str = "arrays") -> None:
         layout, population = scenario.layout, scenario.population
         self._seed, self._drawn_key = seed, b"none yet"
         self._drawn: tuple[Colors, Colors, Floats]
@@ -50,8 +52,8 @@ class World:
         self._cycles_m = np.array([model.cycle_m for model in self.models])
         self.static: tuple[StaticPart, ...] = scenario.static
         self.map: RoadMap = layout.road_map
-        self._policy_control = policy_control
-        self._traffic = Traffic(layout, population, self.models, seed, policy_control=policy_control, engine=traffic)
+        self._driven = control != "traffic"
+        self._traffic = Traffic(layout, population, self.models, seed, control=control, engine=traffic)
         ways = dict.fromkeys(MANNERS, layout.footways)
         if layout.cycleways is not None:
             ways |= dict.fromkeys((ObjectClass.BICYCLE, ObjectClass.SCOOTER), layout.cycleways)
@@ -67,18 +69,20 @@ class World:
         self._unit_height_m = layout.rsu_height_m
         self._relief = layout.relief
 
-    def step(self, dt_s: float, maneuvers: Mapping[str, int] | None = None) -> None:
+    def step(self, dt_s: float, commands: Mapping[str, Command] | None = None) -> None:
         """Advance by `dt_s`, in equal parts short enough for drivers to react.
 
-        `maneuvers` are indices into `coopsim.types.messages.MANEUVERS` by agent's name, under policy control.
+        Commands are maneuvers, or accelerations in m/s², by agent's name, where agents drive. An acceleration holds for
+        the whole step, a maneuver is carried out in its first part.
         """
-        obeyed = (maneuvers or {}) if self._policy_control else {}
+        obeyed = (commands or {}) if self._driven else {}
         by_number = {int(name.removeprefix("cav_")): obeyed[name] for name in obeyed}
         self._time_s += dt_s
         parts = max(1, math.ceil(dt_s / LONGEST_STEP_S - 1e-9))
         for part in range(parts):
             everybody = join_bodies(self._people)
-            self._traffic.step(dt_s / parts, {} if part else by_number, everybody)
+            held = {number: command for number, command in by_number.items() if isinstance(command, float)}
+            self._traffic.step(dt_s / parts, held if part else by_number, everybody)
             for people in self._people:
                 people.step(dt_s / parts, self._traffic.fleet, everybody)
 
@@ -133,6 +137,13 @@ class World:
     def fleet(self) -> Fleet:
         """All vehicles, moving ones first, as the traffic has them."""
         return self._traffic.fleet
+
+    def car_ahead(self, name: str) -> CarState:
+        """Return the motion of a connected car and the way ahead of it, as its driver knows them."""
+        number = int(name.removeprefix("cav_"))
+        row = self.fleet.rows[self._traffic.connected[number]]
+        speed, acceleration, length, width = (float(row[key]) for key in ("speed", "acceleration", "length", "width"))
+        return CarState(speed, acceleration, length, width, bool(row["crashed"]), self._traffic.way_ahead(number))
 
     def crashed(self) -> tuple[int, ...]:
         """Return the ids of crashed vehicles, which stay where they are, as obstacles."""

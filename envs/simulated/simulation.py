@@ -88,8 +88,7 @@ class Simulation(FrameSource):
     def _make_world(self, seed: int) -> WorldSource:
         if self._recording is not None:
             return PlayedWorld(self._recording, self._scenario)
-        policy_control = self._options.control == "policy"
-        return World(self._scenario, seed, policy_control=policy_control, traffic=self._options.traffic)
+        return World(self._scenario, seed, control=self._options.control, traffic=self._options.traffic)
 
     def _specify(self, bodies: Mapping[str, AgentBody]) -> dict[str, AgentSpec]:
         return {

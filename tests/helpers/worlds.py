@@ -18,8 +18,8 @@ DT_S = 0.1
 SCENARIOS = REGISTERED.names()
 
 
-def make_world(name: str, seed: int = 0, *, policy_control: bool = False, **numbers: Any) -> World:
-    return World(make_scenario(name, **numbers), seed, policy_control=policy_control)
+def make_world(name: str, seed: int = 0, *, control: str = "traffic", **numbers: Any) -> World:
+    return World(make_scenario(name, **numbers), seed, control=control)
 
 
 def frames(world: World, steps: int, maneuvers: Mapping[str, int] | None = None) -> Iterator[Actors]:

@@ -14,6 +14,7 @@ from coopsim import __version__
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.support.checks import require_count, require_frame_time
 from coopsim.support.rng import require_seed
+from coopsim.types.driving import Command
 from coopsim.world.custom.place import place_from
 from coopsim.world.models.model import Model
 from coopsim.world.recording.episode_file import Episode, EpisodeAgent, EpisodeHeader, EpisodeWriter
@@ -78,11 +79,11 @@ class RecordedWorld:
         self._writer = EpisodeWriter(path, header)
         self._writer.append(world.actors(), bodies)
 
-    def step(self, dt_s: float, maneuvers: Mapping[str, int] | None = None) -> None:
+    def step(self, dt_s: float, commands: Mapping[str, Command] | None = None) -> None:
         """Advance the world and record its frame."""
         if dt_s != self._dt_s:
             raise InvalidValueError(f"dt_s must be {self._dt_s}, as the recording began, got {dt_s!r}")
-        self._world.step(dt_s, maneuvers)
+        self._world.step(dt_s, commands)
         self._writer.append(self._world.actors(), self._world.agents())
 
     def actors(self) -> Actors:
@@ -119,8 +120,8 @@ class PlayedWorld:
         self._episode, self._frames = episode, iter(episode)
         self._frame = next(self._frames)
 
-    def step(self, dt_s: float, maneuvers: Mapping[str, int] | None = None) -> None:
-        """Go on to the next frame; maneuvers have no effect on a recording."""
+    def step(self, dt_s: float, commands: Mapping[str, Command] | None = None) -> None:
+        """Go on to the next frame; commands have no effect on a recording."""
         if dt_s != self._episode.header.dt_s:
             raise InvalidValueError(f"dt_s must be {self._episode.header.dt_s}, as it was recorded, got {dt_s!r}")
         frame = next(self._frames, None)

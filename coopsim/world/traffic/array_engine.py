@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
+from coopsim.types.driving import JERK_M_S3, Command, Route
 from coopsim.types.messages import MANEUVERS
 from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.road_network import Road
 from coopsim.world.traffic.drivers import ACC_MAX, change_lane, drive, follow, is_reachable, nearest_on_route, stop_at
-from coopsim.world.traffic.fleet import CHAUFFEURED, PARKED, TOWN, Fleet, bodies_of
+from coopsim.world.traffic.fleet import CHAUFFEURED, PARKED, PEDALLED, TOWN, Fleet, bodies_of
 from coopsim.world.traffic.lanes import LaneArrays, NumberedNetwork, follow_road, plan_ahead
 from coopsim.world.traffic.motion import SPEED_GAIN_1_S, collide, move, steer
 from coopsim.world.traffic.neighbours import Scene, list_along_lanes
 from coopsim.world.traffic.right_of_way import GRANTED, grant, line_ahead, movements_of
+from coopsim.world.traffic.way_ahead import way_ahead
 
 _LANE_LEFT, _LANE_RIGHT, _FASTER, _SLOWER = (
     MANEUVERS.index(name) for name in ("lane_left", "lane_right", "faster", "slower")
@@ -49,15 +51,31 @@ class ArrayEngine:
         self._speeds = np.array(speeds_m_s, dtype=np.float64)
         self._movements = movements_of(network, movements, priority, clearance_m)
 
-    def step(self, fleet: Fleet, people: NDArray[Any], dt_s: float, maneuvers: Mapping[int, int]) -> None:
-        """Advance a fleet by `dt_s` among people (M,) `BODY`; `maneuvers` are indices into `MANEUVERS` by row."""
-        for row, maneuver in maneuvers.items():
-            _obey(self._network, fleet.rows, fleet.routes, row, maneuver, self._speeds)
+    def step(self, fleet: Fleet, people: NDArray[Any], dt_s: float, commands: Mapping[int, Command]) -> None:
+        """Advance a fleet by `dt_s`.
+
+        Args:
+            fleet: changed in place.
+            people: (M,) `BODY`, obstacles for vehicles.
+            dt_s: time step.
+            commands: by row, of `CHAUFFEURED` vehicles an index into `MANEUVERS`, of `PEDALLED` ones m/s².
+        """
+        for row, command in commands.items():
+            if isinstance(command, float):
+                change_m_s2 = JERK_M_S3 * dt_s
+                before = float(fleet.rows["acceleration"][row])
+                fleet.rows["acceleration"][row] = before + min(max(command - before, -change_m_s2), change_m_s2)
+            else:
+                _obey(self._network, fleet.rows, fleet.routes, row, command, self._speeds)
         if len(self._movements.role):
             grant(self._network, fleet.rows, fleet.routes, self._movements)
         _act(self._network, fleet.rows, fleet.routes, bodies_of(fleet.rows, people), self._movements.of_road)
         move(self._network.lanes, fleet.rows, dt_s)
         collide(fleet.rows, bodies_of(fleet.rows, people), dt_s)
+
+    def way_ahead(self, fleet: Fleet, row: int) -> Route:
+        """Return the way ahead of the vehicle in a row, in its own frame."""
+        return way_ahead(self._network, self._movements, fleet.rows, row, fleet.routes[row])
 
 
 @njit(cache=True, nogil=True)
@@ -97,6 +115,9 @@ def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[
             plan_ahead(network, vehicle, route)
             follow_road(network, vehicle, route)
             vehicle.acceleration = SPEED_GAIN_1_S * (vehicle.target_speed - vehicle.speed)
+        elif vehicle.driver == PEDALLED:
+            plan_ahead(network, vehicle, route)
+            follow_road(network, vehicle, route)
         elif vehicle.crashed or vehicle.driver == PARKED:
             continue
         elif vehicle.driver == TOWN:

@@ -22,15 +22,16 @@ def dtype_of(declaration: type[Any]) -> np.dtype[Any]:
     return np.dtype([(name, _DTYPES[kind]) for name, kind in declaration.__annotations__.items()], align=True)
 
 
-HIGHWAY, TOWN, CHAUFFEURED, PARKED = range(4)
-"""Drivers: with lane changes by MOBIL; along a route, with a look ahead and junctions; a policy; none."""
+HIGHWAY, TOWN, CHAUFFEURED, PARKED, PEDALLED = range(5)
+"""Drivers: with lane changes by MOBIL; along a route, with a look ahead and junctions; an agent's maneuvers; none; an
+agent's accelerations along a route."""
 
 
 class Vehicle(Protocol):
     """A row of a fleet."""
 
     id: int  # of the actor
-    driver: int  # `HIGHWAY`, `TOWN`, `CHAUFFEURED` or `PARKED`
+    driver: int  # `HIGHWAY`, `TOWN`, `CHAUFFEURED`, `PARKED` or `PEDALLED`
     model: int  # index into the world's models
     x: float  # of the body's center, m
     y: float  # of the body's center, m

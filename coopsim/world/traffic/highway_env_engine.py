@@ -17,8 +17,10 @@ from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import RoadObject
 from numpy.typing import NDArray
 
+from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
+from coopsim.types.driving import Command, Route
 from coopsim.types.messages import MANEUVERS
 from coopsim.world.places.layout import CLEARANCE_M, ROADS_AHEAD
 from coopsim.world.places.road_network import CircularLane, Road, RoadNetwork, StraightLane
@@ -281,17 +283,21 @@ class ReferenceEngine:
         )
         self._ids: list[int] = []
 
-    def step(self, fleet: Fleet, people: NDArray[Any], dt_s: float, maneuvers: Mapping[int, int]) -> None:
-        """Advance a fleet by `dt_s`; see `ArrayEngine.step`."""
+    def step(self, fleet: Fleet, people: NDArray[Any], dt_s: float, commands: Mapping[int, Command]) -> None:
+        """Advance a fleet by `dt_s`; see `ArrayEngine.step`. Accelerations are not supported."""
         self._read(fleet, people)
         vehicles: list[SizedVehicle] = self._road.vehicles
-        for row, maneuver in maneuvers.items():
-            vehicles[row].act(MANEUVERS[maneuver].upper())
+        for row, command in commands.items():
+            vehicles[row].act(MANEUVERS[int(command)].upper())
         if self._over_junctions:
             self._grant(fleet)
         self._road.act()
         self._road.step(dt_s)
         self._write(fleet)
+
+    def way_ahead(self, fleet: Fleet, row: int) -> Route:
+        """Raise `InvalidValueError`: highway-env's vehicles have no way of coopsim's."""
+        raise InvalidValueError('control must be "traffic" or "policy" with traffic="highway-env"')
 
     def _read(self, fleet: Fleet, people: NDArray[Any]) -> None:
         """Take over new vehicles, target speeds, and people."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from coopsim.geometry import exact
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import stream
+from coopsim.types.driving import Command, Route
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.catalogue import draw_models, models_of
 from coopsim.world.models.model import Model
@@ -18,7 +19,7 @@ from coopsim.world.places.layout import LANE_M, Layout, StartSlot
 from coopsim.world.places.road_network import LaneIndex, Road
 from coopsim.world.population import Population
 from coopsim.world.traffic.array_engine import ArrayEngine, closest_speed
-from coopsim.world.traffic.fleet import CHAUFFEURED, HIGHWAY, PARKED, TOWN, VEHICLE, Fleet
+from coopsim.world.traffic.fleet import CHAUFFEURED, HIGHWAY, PARKED, PEDALLED, TOWN, VEHICLE, Fleet
 from coopsim.world.traffic.lanes import NumberedNetwork, closest_lane
 from coopsim.world.traffic.rules import PARKED_ASIDE_M
 
@@ -42,14 +43,20 @@ _PARKED_VANS = 0.15  # share of vans, where a bay has no class of its own
 
 # Time gap (s) and lateral gain (1/s). highway-env's 1.5 s would fill the lanes of a highway, and leave no gap to pass;
 # with its 1.67 a car turns by 15 degrees at 25 m/s, and back, in a second.
-_MANNERS = {TOWN: (1.5, 1 / 0.6), HIGHWAY: (1.0, 0.5), CHAUFFEURED: (1.5, 1 / 0.6)}
+_MANNERS = {TOWN: (1.5, 1 / 0.6), HIGHWAY: (1.0, 0.5), CHAUFFEURED: (1.5, 1 / 0.6), PEDALLED: (1.5, 1 / 0.6)}
+
+
+_DRIVERS = {"policy": CHAUFFEURED, "acceleration": PEDALLED}
 
 
 class Engine(Protocol):
     """Moves a fleet."""
 
-    def step(self, fleet: Fleet, people: NDArray[Any], dt_s: float, maneuvers: Mapping[int, int]) -> None:
-        """Advance by `dt_s` among people (M,) `BODY`; `maneuvers` are indices into `MANEUVERS` by row."""
+    def step(self, fleet: Fleet, people: NDArray[Any], dt_s: float, commands: Mapping[int, Command]) -> None:
+        """Advance by `dt_s` among people (M,) `BODY`; `commands` are those of agents by row."""
+
+    def way_ahead(self, fleet: Fleet, row: int) -> Route:
+        """Return the way ahead of the vehicle in a row, in its own frame."""
 
 
 _Roads = Sequence[Road]
@@ -176,7 +183,8 @@ def slow_down_behind_others(fleet: Fleet, count: int) -> None:
 class Traffic:
     """All vehicles of one episode.
 
-    Under `policy_control` connected cars obey maneuvers; `engine` is one of `ENGINES`.
+    `control` is "traffic", which drives connected cars, or they obey the maneuvers ("policy") or the accelerations
+    ("acceleration") of agents; `engine` is one of `ENGINES`.
 
     Attributes:
         fleet: the vehicles, moving ones first, then parked ones.
@@ -190,7 +198,7 @@ class Traffic:
         models: Sequence[Model],
         seed: int,
         *,
-        policy_control: bool = False,
+        control: str = "traffic",
         engine: str = "arrays",
     ) -> None:
         require_choice("traffic", engine, ENGINES)
@@ -205,7 +213,7 @@ class Traffic:
         cars = self._cars(slots, labels)
         self.connected = tuple(cars[: population.connected])
         # Not only the connected cars, unless a policy drives them: another connected car must not change the traffic.
-        company = list(self.connected) if policy_control else cars[: max(_COMPANY, len(self.connected))]
+        company = list(self.connected) if control != "traffic" else cars[: max(_COMPANY, len(self.connected))]
         if not self.connected or layout.cruise_m_s is None:
             company = []
         self._cruise_m_s = layout.cruise_m_s or 0.0
@@ -214,7 +222,7 @@ class Traffic:
         self.fleet = Fleet(np.zeros(count, VEHICLE), np.zeros((count, roads_ahead, 2), np.int64))
         usual_driver = TOWN if layout.window_m is None else HIGHWAY
         for k, (slot, label) in enumerate(zip(slots, labels, strict=True)):
-            driver = CHAUFFEURED if policy_control and k in self.connected else usual_driver
+            driver = _DRIVERS.get(control, usual_driver) if k in self.connected else usual_driver
             if driver == HIGHWAY and k in company and layout.convoy_gap_s is not None:
                 driver = TOWN  # which changes no lane
             speed = layout.cruise_m_s if k in company else None
@@ -226,13 +234,17 @@ class Traffic:
         self._spawner.park(self.fleet, len(slots), population.parked)
         self._company = np.array([k for k in company if _goes_east(layout.slots[slots[k]].lane)], dtype=np.int64)
 
-    def step(self, dt_s: float, maneuvers: Mapping[int, int], people: NDArray[Any]) -> None:
-        """Advance by `dt_s` among people (M,) `BODY`; maneuvers are indices into `MANEUVERS` by the car's number."""
+    def step(self, dt_s: float, commands: Mapping[int, Command], people: NDArray[Any]) -> None:
+        """Advance by `dt_s` among people (M,) `BODY`; commands are those of agents, by the car's number."""
         self._keep_together()
-        by_row = {self.connected[number]: maneuver for number, maneuver in maneuvers.items()}
+        by_row = {self.connected[number]: command for number, command in commands.items()}
         self._engine.step(self.fleet, people, dt_s, by_row)
         if self._layout.window_m is not None:
             self._renew(self._layout.window_m)
+
+    def way_ahead(self, number: int) -> Route:
+        """Return the way ahead of a connected car, by its number."""
+        return self._engine.way_ahead(self.fleet, self.connected[number])
 
     def _cars(self, slots: list[int], labels: list[int]) -> list[int]:
         """Return the rows of cars in the order in which they become connected, which does not depend on the number."""
@@ -245,7 +257,7 @@ class Traffic:
         if not len(self._company):
             return
         rows, company = self.fleet.rows, self._company
-        driving = company[(rows["driver"][company] != CHAUFFEURED) & ~rows["crashed"][company]]
+        driving = company[~np.isin(rows["driver"][company], tuple(_DRIVERS.values())) & ~rows["crashed"][company]]
         if len(driving):
             along_m = rows["x"][driving]
             if self._layout.convoy_gap_s is None:

@@ -9,17 +9,16 @@ import numpy as np
 import pytest
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.planning.planner import (
+from coopsim.planning.planner import PlannedCar, make_planner
+from coopsim.types import Tracks
+from coopsim.types.driving import (
     GIVES_WAY,
     HAS_PRIORITY,
     JERK_M_S3,
     LARGEST_ACCELERATION_M_S2,
     LARGEST_BRAKING_M_S2,
-    PlannedCar,
     Route,
-    make_planner,
 )
-from coopsim.types import Tracks
 from coopsim.types.taxonomy import ObjectClass
 
 DT_S, LENGTH_M, WIDTH_M = 0.1, 4.5, 1.9

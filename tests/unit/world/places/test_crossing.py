@@ -62,7 +62,7 @@ def test_people_walk_at_walking_speed(walks: NDArray[np.float64]) -> None:
 
 
 def test_a_policy_can_stop_at_the_crossing_and_go_on() -> None:
-    world = make_world("crossing", 0, vehicles=3, pedestrians=0, connected_cars=1, policy_control=True)
+    world = make_world("crossing", 0, vehicles=3, pedestrians=0, connected_cars=1, control="policy")
     reached = []
     for maneuver in ("slower", "faster"):
         for _ in range(40):

@@ -77,14 +77,14 @@ def test_a_connected_car_is_never_replaced_even_if_it_goes_the_other_way() -> No
 
 @pytest.mark.parametrize(("maneuver", "reached_m_s"), [("faster", 30.0), ("idle", 25.0), ("slower", 20.0)])
 def test_speed_maneuvers(maneuver: str, reached_m_s: float) -> None:
-    world = make_world("highway", 0, vehicles=3, policy_control=True, connected_cars=1)
+    world = make_world("highway", 0, vehicles=3, control="policy", connected_cars=1)
     drive(world, maneuver, 40)
     assert speed_of(world, "cav_0") == pytest.approx(reached_m_s, abs=0.2)
 
 
 @pytest.mark.parametrize(("maneuver", "lanes_left"), [("lane_left", 1), ("idle", 0), ("lane_right", -1)])
 def test_lane_maneuvers(maneuver: str, lanes_left: int) -> None:
-    world = make_world("highway", 1, vehicles=3, truck_share=0.0, policy_control=True, connected_cars=1)
+    world = make_world("highway", 1, vehicles=3, truck_share=0.0, control="policy", connected_cars=1)
     before = world.agents()["cav_0"].world_SE3_base.inverse()
     assert place_of(world, "cav_0")[1] == -8.0  # the middle one of three lanes
     drive(world, maneuver, 1)
@@ -101,7 +101,7 @@ def test_maneuvers_are_ignored_unless_a_policy_drives() -> None:
 
 
 def test_a_car_that_is_driven_into_another_stays_as_an_obstacle() -> None:
-    world = make_world("highway", 0, vehicles=20, policy_control=True)
+    world = make_world("highway", 0, vehicles=20, control="policy")
     driven = world.agents()["cav_0"].actor_id
     while driven not in world.crashed():
         assert place_of(world, "cav_0")[0] < 1500, "nobody was hit"

@@ -80,11 +80,9 @@ def test_trajectories_are_highway_envs(place: str) -> None:
         ("highway", {"vehicles": 12, "buses": 8, "truck_share": 0.3}),
     ],
 )
-@pytest.mark.parametrize("policy_control", [False, True])
-def test_our_drivers_do_the_same_on_either_engine(name: str, numbers: dict[str, int], policy_control: bool) -> None:
-    worlds = [
-        World(make_scenario(name, **numbers), 1, policy_control=policy_control, traffic=engine) for engine in ENGINES
-    ]
+@pytest.mark.parametrize("control", ["traffic", "policy"])
+def test_our_drivers_do_the_same_on_either_engine(name: str, numbers: dict[str, int], control: str) -> None:
+    worlds = [World(make_scenario(name, **numbers), 1, control=control, traffic=engine) for engine in ENGINES]
     for k in range(70):
         told = {"cav_0": MANEUVERS.index(("faster", "idle", "slower", "lane_left", "lane_right")[k // 7 % 5])}
         for world in worlds:

@@ -1,0 +1,81 @@
+"""The way ahead of a vehicle, as its planner gets it: points of its lanes, their limits and its right of way."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopsim.geometry.se3 import Floats
+from coopsim.support.kernels import njit
+from coopsim.types import Ints
+from coopsim.types.driving import GIVES_WAY, HAS_PRIORITY, NOBODY_FIRST, Route
+from coopsim.world.traffic.fleet import Vehicle
+from coopsim.world.traffic.lanes import (
+    CIRCULAR,
+    LaneArrays,
+    heading_at,
+    lane_of_route,
+    local_coordinates,
+    plan_ahead,
+    position_at,
+)
+from coopsim.world.traffic.right_of_way import FIRST, YIELDS, Movements
+
+SPACING_M, REACH_M = 1.0, 100.0
+"""Distance between the points of a route, and how far it reaches."""
+
+LATERAL_M_S2 = 2.0
+"""Largest lateral acceleration that passengers find comfortable in a bend."""
+
+
+def way_ahead(network: LaneArrays, movements: Movements, rows: NDArray[Any], me: int, route: Ints) -> Route:
+    """Return the way ahead of a vehicle in its own frame.
+
+    Beyond the roads that it has decided on, it goes straight on.
+
+    Args:
+        network: the roads.
+        movements: the movements of the place, which have the right of way.
+        rows: the fleet's.
+        me: row of the vehicle.
+        route: (K, 2) its row of `Fleet.routes`. Turns that it lacks are drawn, as the next step would.
+    """
+    count = round(REACH_M / SPACING_M) + 1
+    points, lanes = _points_ahead(network, rows, me, route, SPACING_M, count)
+    x, y, heading = rows[me]["x"], rows[me]["y"], rows[me]["heading"]
+    turned = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
+    at = network.lanes[lanes]
+    bend = np.where(at["kind"] == CIRCULAR, np.sqrt(LATERAL_M_S2 * at["radius"]), np.inf)
+    movement = movements.of_road[at["road"]]
+    roles = np.append(movements.role, 0)[movement]  # the last for roads that are no movement, -1
+    rights = np.select([roles == FIRST, roles == YIELDS], [HAS_PRIORITY, GIVES_WAY], NOBODY_FIRST)
+    return Route((points - [x, y]) @ turned, SPACING_M, np.minimum(at["speed_limit"], bend), rights)
+
+
+@njit(cache=True, nogil=True)
+def _points_ahead(
+    network: LaneArrays, rows: NDArray[Any], me: int, route: Ints, spacing_m: float, count: int
+) -> tuple[Floats, Ints]:
+    """Return points (count, 2) m of the middle of the lanes ahead, and the lane of each."""
+    vehicle: Vehicle = rows[me]
+    plan_ahead(network, vehicle, route)
+    number, place = vehicle.target_lane, 0
+    along, _ = local_coordinates(network.lanes[number], vehicle.x, vehicle.y)
+    points, lanes = np.empty((count, 2)), np.empty(count, dtype=np.int64)
+    for k in range(count):
+        while along > network.lanes[number].length and place + 1 < vehicle.route_length:
+            along -= network.lanes[number].length
+            place += 1
+            number = lane_of_route(network, vehicle, route, place)
+        lane = network.lanes[number]
+        known = min(along, lane.length)
+        x, y = position_at(lane, known)
+        heading = heading_at(lane, known)
+        points[k, 0] = x + (along - known) * math.cos(heading)
+        points[k, 1] = y + (along - known) * math.sin(heading)
+        lanes[k] = number
+        along += spacing_m
+    return points, lanes
