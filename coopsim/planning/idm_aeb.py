@@ -13,6 +13,7 @@ It is plain on purpose, so that differences between runs are differences of perc
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -94,8 +95,8 @@ class IdmAeb(Planner):
             return -min(needed, LARGEST_BRAKING_M_S2)
         limit, most, least = max(float(limits[0]), 0.1), self.acceleration_m_s2, self.braking_m_s2
         if speed <= limit:
-            return most * (1 - (speed / limit) ** _DELTA)
-        return -least * (1 - (limit / speed) ** (most * _DELTA / least))
+            return most * (1 - math.pow(speed / limit, _DELTA))
+        return -least * (1 - math.pow(limit / speed, most * _DELTA / least))
 
     def _behind(self, car: PlannedCar, gap_m: Floats, speed_m_s: Floats) -> Floats:
         """Return IDM's accelerations (M,) behind leaders with bumper-to-bumper gaps (M,) m and speeds (M,) m/s."""
@@ -155,7 +156,7 @@ class IdmAeb(Planner):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Occupied:
-    """What N tracks will occupy of a car's route, at T times.
+    """Parts of a car's route that N tracks are predicted to occupy, at T times.
 
     Attributes:
         times: (T,) s from now, the first is now.

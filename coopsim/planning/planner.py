@@ -13,7 +13,7 @@ from coopsim.types.driving import Route
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedCar:
-    """What a planner is given of its car, at the time of an observation.
+    """Input of a planner: one car at the time of an observation.
 
     Attributes:
         name: the agent's name.
@@ -22,8 +22,8 @@ class PlannedCar:
         tracks: the policy's report for this observation, in the car's base frame, whose origin is the car's middle.
         speed_m_s: the car's own speed.
         acceleration_m_s2: the car's own acceleration.
-        length_m: of the car's body.
-        width_m: of the car's body.
+        length_m: length of the car's body.
+        width_m: width of the car's body.
         route: the way ahead.
     """
 

@@ -69,13 +69,13 @@ class Route:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CarState:
-    """What a car knows of itself, whoever drives it.
+    """State of a car as it knows it by itself.
 
     Attributes:
         speed_m_s: along its heading.
         acceleration_m_s2: in the last step.
-        length_m: of its body.
-        width_m: of its body.
+        length_m: length of its body.
+        width_m: width of its body.
         crashed: whether it has touched something, and stays.
         route: the way ahead.
     """

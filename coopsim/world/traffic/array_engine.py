@@ -58,7 +58,7 @@ class ArrayEngine:
             fleet: changed in place.
             people: (M,) `BODY`, obstacles for vehicles.
             dt_s: time step.
-            commands: by row, of `CHAUFFEURED` vehicles an index into `MANEUVERS`, of `PEDALLED` ones m/s².
+            commands: commands by row: an index into `MANEUVERS` for `CHAUFFEURED` vehicles, m/s² for `PEDALLED` ones.
         """
         for row, command in commands.items():
             if isinstance(command, float):
