@@ -26,6 +26,7 @@ from coopsim.world.places.layout import Layout
 from coopsim.world.places.merge import make_merge
 from coopsim.world.places.urban_grid import make_urban_grid
 from coopsim.world.population import Population, require_one_of_each
+from coopsim.world.situations.script import Script
 from coopsim.world.snapshot import StaticPart
 
 DETAILS = ("plain", "full")
@@ -43,6 +44,8 @@ class Scenario:
         detail: one of `DETAILS`.
         description: plain data that `coopsim.world.custom.place` reads; None: the place is built in.
         place_seed: seed that the place was drawn from; None: it was not drawn.
+        script: vehicles on the roads, and people beside those of the population, who are not drawn; the population's
+            numbers of moving vehicles and of connected cars are the script's. None: all are drawn.
 
     Warns:
         CrowdedWarning: some do not fit.
@@ -54,6 +57,7 @@ class Scenario:
     detail: str = "plain"
     description: Mapping[str, Any] | None = field(default=None, repr=False)  # of hundreds of lines
     place_seed: int | None = None
+    script: Script | None = None
 
     def __post_init__(self) -> None:
         require_choice("detail", self.detail, DETAILS)
@@ -61,6 +65,8 @@ class Scenario:
         self._require_at_most(len(self.layout.flights), "drones")
         fitting = self.population
         for room, names in rooms(self.layout):
+            if self.script is not None and "vehicles" in names:
+                continue
             if not room and "vehicles" not in names:
                 self._require_at_most(0, *names)
             fitting = fitting.within(room, *names)
