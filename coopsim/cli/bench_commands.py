@@ -99,7 +99,7 @@ _NO_NUMBER = {"--out": 1, "--workers": 1, "--engine": 1, "--address": 1, "--retr
 def _add_bench(parser: argparse.ArgumentParser) -> None:
     grid = parser.add_argument_group("grid", "flags replace values of the preset or file")
     add = grid.add_argument
-    add("--preset", metavar="NAME", help="quick, latency, pose, loss, bandwidth or paper")
+    add("--preset", metavar="NAME", help="quick, latency, pose, loss, bandwidth, paper or safety")
     add("--grid", type=Path, metavar="FILE", help="YAML with these names, underscores for dashes")
     add("--trust", action="store_true", help="run policies that FILE names as module:Class or file.py:Class")
     add("--policies", type=policies, metavar="A,B(x=1)", help="see `list`; all; or module:Class, or file.py:Class")
@@ -111,9 +111,10 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     add("--heading-noises-deg", type=numbers, metavar="0,0.2")
     add("--pose", choices=("product", "together"), help="each position noise with each of heading, or pairs of them")
     add("--bandwidths-mbit-s", type=numbers, metavar="0.1,inf", help="of the medium that all agents share")
+    add("--penetrations", type=numbers, metavar="0.1,1", help="shares of the other cars that are connected")
     add("--vary", choices=("product", "one_by_one"), help="all together, or each of the above by itself")
     add("--seeds", type=seeds, metavar="0-4")
-    add("--frames", type=count, help="length of each run")
+    add("--frames", type=_frames, metavar="N", help="length of each run; episode: until its episode ends")
     add("--device", metavar="NAME", help="of networks: cpu, cuda, cuda:1 or auto (default: cpu)")
     add_options(grid, "of the environments, as detector=pointpillars_v2v4real")
     how = parser.add_argument_group("run")
@@ -126,6 +127,13 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     add_isolation(how)
     how.add_argument("--retry-failed", action="store_true", help="run failed cells again")
     _add_outputs(parser.add_argument_group("report"))
+
+
+_EPISODE = "episode"
+
+
+def _frames(text: str) -> int | str:
+    return text if text == _EPISODE else count(text)
 
 
 def _run_bench(options: argparse.Namespace) -> int:
@@ -197,7 +205,7 @@ def _flag_values(options: argparse.Namespace) -> dict[str, Any]:
     given = {name: getattr(options, name, None) for name in ATTRIBUTES}
     if options.option:
         given["options"] = named_options(options)
-    return {name: value for name, value in given.items() if value is not None}
+    return {name: None if value == _EPISODE else value for name, value in given.items() if value is not None}
 
 
 def _show(bar: tqdm[Any], progress: Progress, workers: int, conditions: Sequence[Condition]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, astuple, dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -17,7 +17,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_count, require_non_negative, require_number, require_probability
 
 
-@dataclass(frozen=True, slots=True, order=True)
+@dataclass(frozen=True, slots=True)
 class Condition:
     """The disturbance of the agents; every policy in a condition meets the same traffic, noise and losses.
 
@@ -28,6 +28,8 @@ class Condition:
         position_noise_m: standard deviation of x and of y of the estimated pose.
         heading_noise_deg: standard deviation of its heading.
         bandwidth_bit_s: rate of the medium that all agents share; infinite: transmission takes no time.
+        penetration: share of the other cars that are connected, for environments with that option; None: the
+            environment's own.
     """
 
     scenario: str = "crossing"
@@ -36,6 +38,7 @@ class Condition:
     position_noise_m: float = 0.0
     heading_noise_deg: float = 0.0
     bandwidth_bit_s: float = math.inf
+    penetration: float | None = None
 
     def __post_init__(self) -> None:
         require_non_negative(
@@ -43,6 +46,24 @@ class Condition:
         )
         require_probability(loss=self.loss)
         require_number("> 0 (inf: no limit)", lambda rate: rate > 0, bandwidth_bit_s=self.bandwidth_bit_s)
+        if self.penetration is not None:
+            require_probability(penetration=self.penetration)
+
+    def __lt__(self, other: Condition) -> bool:
+        return _order(self) < _order(other)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the fields by name, without a penetration that is the environment's own: keys are made from them."""
+        found = asdict(self)
+        if self.penetration is None:
+            del found["penetration"]
+        return found
+
+
+def _order(condition: Condition) -> tuple[Any, ...]:
+    """Return what conditions are sorted by: their fields, an unset penetration before all others."""
+    *others, penetration = astuple(condition)
+    return *others, -1.0 if penetration is None else penetration
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -54,17 +75,18 @@ class Cell:
             `late_fusion(delayed=replay)`.
         condition: the disturbance of the agents.
         seed: decides everything in the run.
-        frames: length of the run.
+        frames: length of the run; None: the episode's own, as in situations, which end by themselves.
     """
 
     policy: str
     condition: Condition
     seed: int = 0
-    frames: int = 100
+    frames: int | None = 100
 
     def __post_init__(self) -> None:
         require_count(0, seed=self.seed)
-        require_count(1, frames=self.frames)
+        if self.frames is not None:
+            require_count(1, frames=self.frames)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,7 +163,9 @@ def environment_options(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any
         "heading_noise_rad": math.radians(condition.heading_noise_deg),
     }
     one_thread = {} if is_recordings_folder(condition.scenario) else _ONE_THREAD
-    return {**one_thread, **made, **on_air, **noise, "max_cycles": cell.frames}
+    connected = {} if condition.penetration is None else {"penetration": condition.penetration}
+    length = {} if cell.frames is None else {"max_cycles": cell.frames}
+    return {**one_thread, **made, **on_air, **noise, **connected, **length}
 
 
 def scenario_options(scenario: str) -> Mapping[str, Any]:
@@ -176,6 +200,8 @@ class Axis:
     Attributes:
         field: name in `Condition`.
         scale: factor from the field's unit to the shown one.
+        endless: text of an infinite value.
+        less_harms: True where a smaller value disturbs more.
         along: axes that vary together with this one: each of their values belongs to one value of this.
     """
 
@@ -183,6 +209,8 @@ class Axis:
     name: str
     unit: str
     scale: float = 1.0
+    endless: str = "no limit"
+    less_harms: bool = False
     along: tuple[Axis, ...] = ()
 
     @property
@@ -197,17 +225,18 @@ class Axis:
 
     def value(self, condition: Condition) -> float:
         """Return the condition's value in the shown unit."""
+        found = getattr(condition, self.field)
         # 12 digits, because 0.07 * 100 is not 7.
-        return float(f"{getattr(condition, self.field) * self.scale:.12g}")
+        return math.inf if found is None else float(f"{found * self.scale:.12g}")
 
     def text(self, condition: Condition) -> str:
         """Format the condition's value with its unit, and those of axes that vary along."""
-        values = [(axis, axis.value(condition)) for axis in (self, *self.along)]
-        return " and ".join(f"{value:g} {axis.unit}" if math.isfinite(value) else "no limit" for axis, value in values)
+        values = ((axis, axis.value(condition)) for axis in (self, *self.along))
+        return " and ".join(f"{each:g} {axis.unit}" if math.isfinite(each) else axis.endless for axis, each in values)
 
     def harm(self, value: float) -> float:
-        """Return a number that rises with the harm of a value: less bandwidth, more of anything else."""
-        return -value if self.field == "bandwidth_bit_s" else value
+        """Return a number that rises with the harm of a value."""
+        return -value if self.less_harms else value
 
 
 AXES = (
@@ -215,7 +244,8 @@ AXES = (
     Axis("loss", "loss", "%", 1e2),
     Axis("position_noise_m", "position noise", "m"),
     Axis("heading_noise_deg", "heading noise", "°"),
-    Axis("bandwidth_bit_s", "bandwidth", "Mbit/s", 1e-6),
+    Axis("bandwidth_bit_s", "bandwidth", "Mbit/s", 1e-6, less_harms=True),
+    Axis("penetration", "penetration", "%", 1e2, "the environment's own", less_harms=True),
 )
 
 

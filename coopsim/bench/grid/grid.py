@@ -54,10 +54,11 @@ class Grid:
         heading_noises_deg: standard deviations of its heading.
         pose: "product", or "together": the first position noise with the first heading noise, and so on.
         bandwidths_mbit_s: rates of the medium that all agents share, 1e6 bit/s; infinite: transmission takes no time.
-        vary: "product", or "one_by_one": in each condition at most one of latency, loss, pose and bandwidth is not at
-            the mildest value of its list. With `pose="together"` both noises are one.
+        penetrations: shares of the other cars that are connected; None: the environment's own.
+        vary: "product", or "one_by_one": in each condition at most one of latency, loss, pose, bandwidth and
+            penetration is not at the mildest value of its list. With `pose="together"` both noises are one.
         seeds: each decides everything in a run.
-        frames: length of each run.
+        frames: length of each run; None: the episode's own.
         options: further options of the environments, plain data, the same in all cells.
         device: where networks of policies and of the detector compute: "cpu", "cuda", "cuda:1" or "auto"; it becomes a
             parameter in the names of these policies.
@@ -75,9 +76,10 @@ class Grid:
     heading_noises_deg: Sequence[float] = (0.0,)
     pose: Literal["product", "together"] = "product"
     bandwidths_mbit_s: Sequence[float] = (math.inf,)
+    penetrations: Sequence[float | None] = (None,)
     vary: Literal["product", "one_by_one"] = "product"
     seeds: Sequence[int] = (0,)
-    frames: int = 100
+    frames: int | None = 100
     options: Mapping[str, Any] = field(default_factory=dict)
     device: str = PROCESSOR
     left_out: Mapping[str, str] = field(default_factory=dict, init=False)
@@ -97,9 +99,11 @@ class Grid:
             _check_each(name, getattr(self, name), require_non_negative)
         _check_each("losses", self.losses, require_probability)
         _check_each("bandwidths_mbit_s", self.bandwidths_mbit_s, _require_rate)
+        _check_each("penetrations", [each for each in self.penetrations if each is not None], require_probability)
         for seed in self.seeds:
             require_count(0, _MOST_SEED, seeds=seed)
-        require_count(1, frames=self.frames)
+        if self.frames is not None:
+            require_count(1, frames=self.frames)
         require_choice("pose", self.pose, ("product", "together"))
         require_choice("vary", self.vary, ("product", "one_by_one"))
         if self.pose == "together" and len(self.position_noises_m) != len(self.heading_noises_deg):
@@ -121,17 +125,25 @@ class Grid:
 
     def conditions(self) -> Iterator[Condition]:
         """Yield the conditions; the last list varies fastest, and `vary` decides which are left out."""
-        for scenario, latency_ms, loss, (position_m, heading_deg), rate in itertools.product(
-            self.scenarios, self.latencies_ms, self.losses, self._poses(), self.bandwidths_mbit_s
+        for scenario, latency_ms, loss, (position_m, heading_deg), rate, connected in itertools.product(
+            self.scenarios,
+            self.latencies_ms,
+            self.losses,
+            self._poses(),
+            self.bandwidths_mbit_s,
+            self.penetrations,
         ):
-            if self.vary == "one_by_one" and self._disturbances(latency_ms, loss, position_m, heading_deg, rate) > 1:
-                continue
-            yield Condition(scenario, latency_ms / 1000, float(loss), float(position_m), float(heading_deg), rate * 1e6)
+            share = None if connected is None else float(connected)
+            numbers = latency_ms / 1000, float(loss), float(position_m), float(heading_deg), rate * 1e6
+            condition = Condition(scenario, *numbers, share)
+            if self.vary == "product" or self._disturbances(condition) <= 1:
+                yield condition
 
     def cells(self) -> tuple[Cell, ...]:
         """Return all cells, by condition, then policy, then seed."""
+        frames = None if self.frames is None else int(self.frames)
         return tuple(
-            Cell(policy, condition, int(seed), int(self.frames))
+            Cell(policy, condition, int(seed), frames)
             for condition, policy, seed in itertools.product(self.conditions(), self.policies, self.seeds)
         )
 
@@ -139,12 +151,17 @@ class Grid:
         pairs = zip if self.pose == "together" else itertools.product
         yield from pairs(self.position_noises_m, self.heading_noises_deg)
 
-    def _disturbances(self, latency_ms: float, loss: float, position_m: float, heading_deg: float, rate: float) -> int:
+    def _disturbances(self, condition: Condition) -> int:
         """Count the numbers of a condition that are not at the mildest of their list."""
-        position = position_m > min(self.position_noises_m)
-        heading = heading_deg > min(self.heading_noises_deg)
+        position = condition.position_noise_m > min(self.position_noises_m)
+        heading = condition.heading_noise_deg > min(self.heading_noises_deg)
         pose = position or heading if self.pose == "together" else position + heading
-        others = (latency_ms > min(self.latencies_ms), loss > min(self.losses), rate < max(self.bandwidths_mbit_s))
+        others = (
+            condition.latency_s > min(self.latencies_ms) / 1000,
+            condition.loss > min(self.losses),
+            condition.bandwidth_bit_s < max(self.bandwidths_mbit_s) * 1e6,
+            _share(condition.penetration) < max(map(_share, self.penetrations)),
+        )
         return pose + sum(others)
 
     def _check_options(self) -> None:
@@ -170,6 +187,11 @@ def _require_distinct(name: str, values: Sequence[Any]) -> None:
         if value in met:
             raise InvalidValueError(f"{name} must be distinct, got {value!r} twice")
         met.add(value)
+
+
+def _share(penetration: float | None) -> float:
+    """Return a penetration as a number; infinite for the environment's own, which is no disturbance."""
+    return math.inf if penetration is None else penetration
 
 
 def _check_each(name: str, values: Sequence[Any], check: Any) -> None:

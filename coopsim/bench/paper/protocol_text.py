@@ -54,7 +54,7 @@ def _world(table: ResultTable, provenance: Provenance) -> list[str]:
         f"scenarios: {', '.join(table.scenarios)}",
         f"seeds: {_listed(table.seeds)}; each decides traffic, sensing, noise and losses of a run, the same for all "
         "policies",
-        f"frames a run: {table.frames}",
+        f"frames a run: {table.frames or 'until its episode ends'}",
     ]
     drawn = sorted({result.place_seed for result in table.results if result.place_seed is not None})
     lines += [f"drawn places: {_listed(drawn)} (seed of the place of each seed: results.csv)"] if drawn else []
@@ -66,8 +66,10 @@ def _world(table: ResultTable, provenance: Provenance) -> list[str]:
 def _conditions(table: ResultTable, provenance: Provenance) -> list[str]:
     lines = []
     for axis in AXES:
+        if all(getattr(condition, axis.field) is None for condition in table.conditions):
+            continue
         values = sorted({axis.value(condition) for condition in table.conditions}, key=axis.harm)
-        shown = [f"{value:g}" if math.isfinite(value) else "no limit" for value in values]
+        shown = [f"{value:g}" if math.isfinite(value) else axis.endless for value in values]
         lines.append(f"{axis.name} ({axis.unit}): {', '.join(shown)}")
     ways = {
         "product": "every value with every other",

@@ -99,7 +99,8 @@ def _summary(table: ResultTable) -> str:
         grid += f" in {'one place' if table.samples.places == 1 else f'{table.samples.places} places'}"
     faults = ((len(table.failures), "failed"), (table.missing, "not run"))
     state = "".join(f", {count} {word}" for count, word in faults if count)
-    return f"{grid}, {table.frames} frames each: {int(table.finished.sum())} cells finished{state}"
+    length = f"{table.frames} frames each" if table.frames else "whole episodes"
+    return f"{grid}, {length}: {int(table.finished.sum())} cells finished{state}"
 
 
 def _interval_note(table: ResultTable) -> str:

@@ -91,8 +91,9 @@ def publish(
 def _about(provenance: Provenance, title: str) -> About:
     """Describe a grid for its report: its lists and options, and versions."""
     grid, software = provenance.grid, provenance.software
-    settings = {_with_unit(name): ", ".join(map(_short, grid[name])) for name in LISTS if name in grid}
-    settings |= {name: str(grid[name]) for name in ("vary", "frames") if name in grid}
+    lists = {name: grid[name] for name in LISTS if grid.get(name, [None]) != [None]}
+    settings = {_with_unit(name): ", ".join(map(_short, values)) for name, values in lists.items()}
+    settings |= {name: str(grid[name]) for name in ("vary", "frames") if grid.get(name) is not None}
     settings |= {name: str(value) for name, value in grid.get("options", {}).items()}
     if software:
         settings["versions"] = ", ".join(f"{name} {number}" for name, number in software.items())
@@ -106,6 +107,8 @@ def _with_unit(name: str) -> str:
 
 
 def _short(value: object) -> str:
+    if value is None:
+        return "the environment's own"
     if value == math.inf:
         return "no limit"
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -150,11 +150,12 @@ def as_one_policy(results: Iterable[CellResult], policy: str, name: str) -> list
 
 def name_of(cell: Cell) -> str:
     """Describe a cell in words."""
-    where = cell.condition
+    where, length = cell.condition, f"{cell.frames} frames" if cell.frames else "whole episode"
+    connected = "" if where.penetration is None else f"penetration {where.penetration:g}, "
     return (
         f"{cell.policy}, {where.scenario}, latency {where.latency_s * 1000:g} ms, loss {where.loss:g}, "
         f"noise {where.position_noise_m:g} m and {where.heading_noise_deg:g} degrees, "
-        f"bandwidth {where.bandwidth_bit_s:g} bit/s, seed {cell.seed}, {cell.frames} frames"
+        f"bandwidth {where.bandwidth_bit_s:g} bit/s, {connected}seed {cell.seed}, {length}"
     )
 
 

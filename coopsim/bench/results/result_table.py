@@ -35,7 +35,7 @@ class ResultTable:
         conditions: C, sorted.
         seeds: S, sorted.
         metrics: names of all values in the results: `REPORTED`, then registered metrics, then the others.
-        frames: length of each run.
+        frames: length of each run; None: each ended with its episode.
         places: place of each result in the arrays.
         samples: independent samples that the seeds make.
     """
@@ -44,7 +44,7 @@ class ResultTable:
     conditions: tuple[Condition, ...]
     seeds: tuple[int, ...]
     metrics: tuple[str, ...]
-    frames: int
+    frames: int | None
     results: tuple[CellResult, ...]
     places: tuple[tuple[int, int, int], ...]
     samples: Samples
@@ -69,10 +69,11 @@ class ResultTable:
         """
         if not results:
             raise InvalidValueError("there are no results: run a benchmark first")
-        ordered = tuple(sorted(results, key=lambda result: result.cell))
-        lengths = sorted({result.cell.frames for result in ordered})
+        lengths = {result.cell.frames for result in results}
         if len(lengths) > 1:
-            raise InvalidValueError(f"results must be of runs of one length, got {lengths} frames")
+            shown = sorted(lengths, key=lambda length: length or 0)
+            raise InvalidValueError(f"results must be of runs of one length, got {shown} frames")
+        ordered = tuple(sorted(results, key=lambda result: result.cell))
         cells = [result.cell for result in ordered]
         twice = next((cell for cell, after in pairwise(cells) if cell == after), None)
         if twice is not None:
@@ -87,7 +88,7 @@ class ResultTable:
             tuple(conditions),
             tuple(seeds),
             (*known, *sorted(names.difference(known))),
-            lengths[0],
+            next(iter(lengths)),
             ordered,
             tuple((policies[cell.policy], conditions[cell.condition], seeds[cell.seed]) for cell in cells),
             samples_of(ordered, tuple(seeds)),

@@ -180,8 +180,8 @@ def worst_windows(table: ResultTable, count: int, window_frames: int = WINDOW_FR
     The widest gap is taken first; windows of the same policy, of the same condition, or of the same traffic at the same
     time then count half.
     """
-    length = min(window_frames, table.frames)
     rewards, runs = _rewards(table)
+    length = min(window_frames, rewards.shape[3])
     means = rewards.mean(axis=3)
     best = np.where(np.isnan(means), -np.inf, means).argmax(axis=0)
     leading = np.take_along_axis(rewards, best[None, :, :, None], axis=0)
@@ -203,10 +203,11 @@ def worst_windows(table: ResultTable, count: int, window_frames: int = WINDOW_FR
 
 
 def _rewards(table: ResultTable) -> tuple[Floats, dict[tuple[int, int, int], CellResult]]:
-    """Return rewards (P, C, S, F), NaN for runs that failed or are missing, and the runs by their place in it."""
-    rewards = np.full((*table.finished.shape, table.frames), np.nan)
+    """Return rewards (P, C, S, F), NaN for runs that failed, lack or ended early, and the runs by place."""
+    frames = table.frames or max((len(result.rewards) for result in table.results), default=0)
+    rewards = np.full((*table.finished.shape, frames), np.nan)
     runs = {}
     for result, place in zip(table.results, table.places, strict=True):
-        if not result.failed and len(result.rewards) == table.frames:
+        if not result.failed and len(result.rewards) == frames:
             rewards[place], runs[place] = result.rewards, result
     return rewards, runs

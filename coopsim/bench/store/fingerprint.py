@@ -84,7 +84,7 @@ def fingerprint(
         code["renderer"] = _renderer(str(plain.get("renderer", "auto")))
     decided = {
         "layout": LAYOUT,
-        "cell": asdict(cell),
+        "cell": {**asdict(cell), "condition": cell.condition.as_dict()},
         "options": plain,
         "metrics": sorted(metric.name for metric in metrics),
         "code": code,

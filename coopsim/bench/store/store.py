@@ -11,7 +11,7 @@ import hashlib
 import json
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -153,6 +153,7 @@ _SCHEMA = pa.schema(
         ("position_noise_m", pa.float64()),
         ("heading_noise_deg", pa.float64()),
         ("bandwidth_bit_s", pa.float64()),
+        ("penetration", pa.float64()),  # only where it is set
         ("seed", pa.int64()),
         ("frames", pa.int64()),
         ("values", _VALUES),
@@ -173,7 +174,7 @@ def encode(result: CellResult, decided_by: str) -> bytes:
     """Encode a result, and its cell's `fingerprint`, as the content of a file."""
     cell = result.cell
     row = {
-        **asdict(cell.condition),
+        **cell.condition.as_dict(),
         "policy": cell.policy,
         "seed": cell.seed,
         "frames": cell.frames,
@@ -187,7 +188,8 @@ def encode(result: CellResult, decided_by: str) -> bytes:
         "method": result.method,
         "decided_by": decided_by,
     }
-    table = pa.Table.from_pylist([{**row, "checksum": _checksum(row)}], _SCHEMA)
+    schema = _SCHEMA if "penetration" in row else _SCHEMA.remove(_SCHEMA.get_field_index("penetration"))
+    table = pa.Table.from_pylist([{**row, "checksum": _checksum(row)}], schema)
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, compression="zstd")
     return bytes(sink.getvalue())
@@ -203,7 +205,7 @@ def decode(content: bytes) -> tuple[CellResult, str]:
         row = _row(content)
         if row.pop("checksum") != _checksum(row):
             raise StoreError("its checksum is another")
-        condition = Condition(**{field.name: row[field.name] for field in fields(Condition)})
+        condition = Condition(**{field.name: row[field.name] for field in fields(Condition) if field.name in row})
         result = CellResult(
             Cell(row["policy"], condition, row["seed"], row["frames"]),
             row["values"],

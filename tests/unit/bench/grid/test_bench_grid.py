@@ -45,9 +45,26 @@ def test_position_and_heading_go_together_or_not() -> None:
     assert len(Grid(TWO, position_noises_m=(0, 1), heading_noises_deg=(0, 1, 2))) == 2 * 6
 
 
+def test_penetration_is_an_option_of_the_environment_and_the_mildest_is_the_largest() -> None:
+    grid = Grid(TWO, latencies_ms=(0, 100), penetrations=(0.1, 1), vary="one_by_one")
+    assert [(each.latency_s, each.penetration) for each in grid.conditions()] == [(0, 0.1), (0, 1), (0.1, 1)]
+    cell = Cell("late_fusion", Condition("crossing", penetration=0.1))
+    assert environment_options(cell, {})["penetration"] == 0.1
+    assert "penetration" not in environment_options(Cell("late_fusion", Condition()), {})
+    usual = Grid(TWO, latencies_ms=(0, 100), penetrations=(None, 0.5), vary="one_by_one")
+    assert [(each.latency_s, each.penetration) for each in usual.conditions()] == [(0, None), (0, 0.5), (0.1, None)]
+    assert sorted([Condition(penetration=0.1), Condition()]) == [Condition(), Condition(penetration=0.1)]
+
+
+def test_a_run_without_a_length_ends_with_its_episode() -> None:
+    (cell,) = Grid(("no_fusion",), frames=None).cells()
+    assert cell.frames is None and "max_cycles" not in environment_options(cell, {})
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
+        ({"penetrations": (2,)}, r"penetrations must be in \[0, 1\]"),
         ({"policies": "late_fusion"}, "policies must be a list of at least one"),
         ({"policies": ()}, "policies must be a list of at least one"),
         ({"policies": ("late_fusion", "late_fusion()")}, "policies must be distinct"),

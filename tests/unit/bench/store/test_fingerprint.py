@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,13 @@ def test_a_range_of_places_is_short_and_the_same_as_its_text() -> None:
         "reward": {"weights": [1, 2]},
         "own": [0, 1],
     }
+
+
+def test_a_penetration_is_in_a_key_only_where_it_is_set() -> None:
+    assert "penetration" not in decided()["cell"]["condition"]
+    share = replace(CELL, condition=Condition(penetration=0.5))
+    found = json.loads(fingerprint(share, OPTIONS, PolicySpec.parse("no_fusion")))
+    assert found["cell"]["condition"]["penetration"] == 0.5
 
 
 def test_lists_without_end_are_refused() -> None:

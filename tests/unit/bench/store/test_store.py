@@ -38,7 +38,10 @@ def same(a: CellResult, b: CellResult) -> bool:
     )
 
 
-@pytest.mark.parametrize("result", [RESULT, FAILED, CellResult(Cell("a", Condition()))])
+CONNECTED = CellResult(Cell("a", Condition(penetration=0.25), frames=None))
+
+
+@pytest.mark.parametrize("result", [RESULT, FAILED, CONNECTED, CellResult(Cell("a", Condition()))])
 def test_nothing_is_lost_and_the_bytes_are_the_same(result: CellResult) -> None:
     content = encode(result, "why")
     back, decided_by = decode(content)
