@@ -9,6 +9,7 @@ import numpy as np
 
 from coopsim.metrics.average_precision import AP_THRESHOLDS, average_precision
 from coopsim.metrics.clear import NearSweep, RecallSweep, sweep_near, sweep_recall
+from coopsim.metrics.drive_log import DriveLog
 from coopsim.metrics.hota_idf1 import Hota, Identity, count_hota, count_identity
 from coopsim.metrics.matching import NumberedSequence
 from coopsim.metrics.track_log import FlatLog, TrackLog
@@ -25,6 +26,7 @@ class LogPool:
         logs: one per sequence, with the pairs of an object and a track of one class.
         superclass_logs: logs with the pairs of one superclass; None: those of `logs`.
         bytes_per_s: bytes that the agent broadcasts per second; None: not known.
+        drives: logs of drives, one per sequence in which the agent's car was driven by its policy.
     """
 
     def __init__(
@@ -32,16 +34,18 @@ class LogPool:
         logs: Iterable[FlatLog],
         superclass_logs: Iterable[FlatLog] | None = None,
         bytes_per_s: float | None = None,
+        drives: Iterable[DriveLog] = (),
     ) -> None:
         self.logs: Sequence[FlatLog] = tuple(logs)
         self.superclass_logs = self.logs if superclass_logs is None else tuple(superclass_logs)
         self.bytes_per_s = bytes_per_s
+        self.drives: Sequence[DriveLog] = tuple(log for log in drives if len(log))
 
     @classmethod
-    def of(cls, logs: Iterable[TrackLog], bytes_per_s: float | None = None) -> LogPool:
-        """Pool the logs of evaluators."""
+    def of(cls, logs: Iterable[TrackLog], bytes_per_s: float | None = None, drives: Iterable[DriveLog] = ()) -> LogPool:
+        """Pool the logs of evaluators, and those of drives."""
         pools = [log.flat() for log in logs]
-        return cls([pool.by_class() for pool in pools], pools, bytes_per_s)
+        return cls([pool.by_class() for pool in pools], pools, bytes_per_s, drives)
 
     @cached_property
     def objects(self) -> int:

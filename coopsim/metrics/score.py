@@ -13,6 +13,7 @@ from tabulate import tabulate
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.metrics.built_in import all_metrics, clear_values, custom_metrics
 from coopsim.metrics.clear import RecallSweep
+from coopsim.metrics.drive_log import DriveLog
 from coopsim.metrics.log_pool import LogPool
 from coopsim.metrics.metric import PRIMARY_METRIC, SweepMetric
 from coopsim.metrics.track_log import FlatLog, TrackLog
@@ -148,6 +149,7 @@ def summarize(
     *,
     false_positives: FalsePositives = "count",
     bytes_per_s: float | None = None,
+    drives: Sequence[DriveLog] = (),
 ) -> Score:
     """Score one agent over any number of sequences, pooled, by every registered metric.
 
@@ -156,12 +158,14 @@ def summarize(
         false_positives: "count", or "ignore": an unmatched track costs nothing. Published V2V4Real tables
             ignore them, because their script drops unmatched boxes that are low in an image which does not exist.
         bytes_per_s: broadcast by the agent per second; None: the score has no such value.
+        drives: one per sequence in which the agent's car was driven by its policy; empty: the score has no values of
+            driving.
 
     Raises:
         UnknownNameError: `false_positives` is neither "count" nor "ignore".
     """
     require_choice("false_positives", false_positives, ("count", "ignore"))
-    pool = LogPool.of(logs, bytes_per_s)
+    pool = LogPool.of(logs, bytes_per_s, drives)
     parts: dict[str, Any] = {
         name: {child: _score(part) for child, part in getattr(pool, name).items()} for name in _PARTS
     }
