@@ -35,6 +35,7 @@ class VehicleRole:
         conflicts: whether it is what the ego may crash into.
         aside_m: distance of its middle to the left of the lane's middle; negative to the right.
         trigger_m: see `manner`.
+        model: name of a model of the class, such as "panel_van"; None: one is drawn.
     """
 
     name: str
@@ -48,6 +49,7 @@ class VehicleRole:
     conflicts: bool = False
     aside_m: float = 0.0
     trigger_m: float | None = None
+    model: str | None = None
 
     def __post_init__(self) -> None:
         require_choice("manner", self.manner, MANNERS)

@@ -16,7 +16,7 @@ from coopsim.types.messages import MANEUVERS
 from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.road_network import Road
 from coopsim.world.traffic.drivers import ACC_MAX, change_lane, drive, follow, is_reachable, nearest_on_route, stop_at
-from coopsim.world.traffic.fleet import CHAUFFEURED, PARKED, PEDALLED, TOWN, Fleet, bodies_of
+from coopsim.world.traffic.fleet import CHAUFFEURED, PARKED, PEDALLED, TOWN, UNYIELDING, Fleet, bodies_of
 from coopsim.world.traffic.lanes import LaneArrays, NumberedNetwork, follow_road, plan_ahead
 from coopsim.world.traffic.motion import SPEED_GAIN_1_S, collide, move, steer
 from coopsim.world.traffic.neighbours import Scene, list_along_lanes
@@ -120,7 +120,7 @@ def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[
             follow_road(network, vehicle, route)
         elif vehicle.crashed or vehicle.driver == PARKED:
             continue
-        elif vehicle.driver == TOWN:
+        elif vehicle.driver in (TOWN, UNYIELDING):
             vehicle.acceleration = min(max(_drive_in_town(scene, me, movement_of), -ACC_MAX), ACC_MAX)
         else:
             plan_ahead(network, vehicle, route)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from coopsim.support.kernels import njit
 from coopsim.world.traffic import rules
-from coopsim.world.traffic.fleet import Body, Vehicle
+from coopsim.world.traffic.fleet import PEDALLED, TOWN, UNYIELDING, Body, Vehicle
 from coopsim.world.traffic.lanes import (
     CIRCULAR,
     LaneRow,
@@ -214,7 +214,9 @@ def nearest_on_route(scene: Scene, me: int) -> tuple[int, float]:
                 break
             if other == me or distance_m <= 0:
                 continue
-            if _is_in_way(vehicle, scene.bodies[other], other < vehicles, lane, along, lists.aside[entry]):
+            drives = other < vehicles
+            strange = drives and vehicle.driver == TOWN and scene.rows[other].driver == PEDALLED
+            if _is_in_way(vehicle, scene.bodies[other], drives, strange, lane, along, lists.aside[entry]):
                 nearest, nearest_m = other, distance_m
                 break
         start_m += lane.length
@@ -222,11 +224,14 @@ def nearest_on_route(scene: Scene, me: int) -> tuple[int, float]:
 
 
 @njit(cache=True, nogil=True)
-def _is_in_way(vehicle: Vehicle, other: Body, drives: bool, lane: LaneRow, along: float, aside: float) -> bool:
+def _is_in_way(
+    vehicle: Vehicle, other: Body, drives: bool, strange: bool, lane: LaneRow, along: float, aside: float
+) -> bool:
+    """Return whether a body is in the way; a `strange` vehicle may come towards or across, whoever has the right."""
     reach_m = rules.passing_distance(vehicle.width, other.width)
     angle = other.heading - heading_at(lane, along)
     if drives:
-        stands = other.crashed or other.speed < rules.STANDING_M_S
+        stands = strange or other.crashed or other.speed < rules.STANDING_M_S
         return rules.is_vehicle_in_way(
             aside, angle, other.length, other.width, stands, reach_m, _swing_on(vehicle, lane)
         )
@@ -282,6 +287,7 @@ def _free(scene: Scene, me: int) -> float:
     distance_m = start_of_route(network, vehicle, route)
     for k in range(vehicle.route_length):
         lane: LaneRow = network.lanes[lane_of_route(network, vehicle, route, k)]
-        speed = min(speed, rules.approach_speed(lane.speed_limit, distance_m))
+        if vehicle.driver != UNYIELDING or lane.kind == CIRCULAR:
+            speed = min(speed, rules.approach_speed(lane.speed_limit, distance_m))
         distance_m += lane.length
     return free_road(vehicle.speed, speed)

@@ -22,16 +22,16 @@ def dtype_of(declaration: type[Any]) -> np.dtype[Any]:
     return np.dtype([(name, _DTYPES[kind]) for name, kind in declaration.__annotations__.items()], align=True)
 
 
-HIGHWAY, TOWN, CHAUFFEURED, PARKED, PEDALLED = range(5)
+HIGHWAY, TOWN, CHAUFFEURED, PARKED, PEDALLED, UNYIELDING = range(6)
 """Drivers: with lane changes by MOBIL; along a route, with a look ahead and junctions; an agent's maneuvers; none; an
-agent's accelerations along a route."""
+agent's accelerations along a route; as in town, but without notice of right of way, stop lines and limits."""
 
 
 class Vehicle(Protocol):
     """A row of a fleet."""
 
     id: int  # of the actor
-    driver: int  # `HIGHWAY`, `TOWN`, `CHAUFFEURED`, `PARKED` or `PEDALLED`
+    driver: int  # `HIGHWAY`, `TOWN`, `CHAUFFEURED`, `PARKED`, `PEDALLED` or `UNYIELDING`
     model: int  # index into the world's models
     x: float  # of the body's center, m
     y: float  # of the body's center, m

@@ -24,7 +24,7 @@ from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.road_network import CircularLane, Lane, Road, RoadNetwork
-from coopsim.world.traffic.fleet import CHAUFFEURED, PARKED, Vehicle
+from coopsim.world.traffic.fleet import CHAUFFEURED, PARKED, UNYIELDING, Vehicle
 from coopsim.world.traffic.lanes import (
     LaneArrays,
     NumberedNetwork,
@@ -228,8 +228,8 @@ def _ask(network: LaneArrays, vehicle: Vehicle, route: Ints, movements: Movement
         vehicle.movement, vehicle.ticket = movement, -1
     if movements.role[movement] == YIELDS and distance_m > COMMIT_M and vehicle.ticket == GRANTED:
         vehicle.ticket = _LOST
-    # A vehicle on the junction is a fact, however it got there; one that a policy drives obeys no rule.
-    if distance_m <= 0 or vehicle.driver == CHAUFFEURED:
+    # A vehicle on the junction is a fact, however it got there; others obey no rule.
+    if distance_m <= 0 or vehicle.driver in (CHAUFFEURED, UNYIELDING):
         vehicle.ticket = GRANTED
     return distance_m, network.roads[route[k, 0]].start
 
@@ -252,7 +252,8 @@ def _revoke(
         for other in range(len(rows)):
             if node[other] == node[i] and line_m[other] >= line_m[i]:
                 held[other] |= short[i] or role[rows[other].movement] == FIRST
-    may = held & (rows["ticket"] == GRANTED) & (line_m > 0) & (rows["driver"] != CHAUFFEURED)
+    may = held & (rows["ticket"] == GRANTED) & (line_m > 0)
+    may &= (rows["driver"] != CHAUFFEURED) & (rows["driver"] != UNYIELDING)
     may |= rows["ticket"] == _LOST
     revoked = [i for i in np.argsort(line_m) if may[i]]
     for i in range(len(rows)):

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from coopsim.errors import InvalidValueError
 from coopsim.geometry import exact
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import stream
@@ -18,8 +19,10 @@ from coopsim.world.models.model import Model
 from coopsim.world.places.layout import LANE_M, Layout, StartSlot
 from coopsim.world.places.road_network import LaneIndex, Road
 from coopsim.world.population import Population
+from coopsim.world.situations.script import Script, VehicleRole
 from coopsim.world.traffic.array_engine import ArrayEngine, closest_speed
-from coopsim.world.traffic.fleet import CHAUFFEURED, HIGHWAY, PARKED, PEDALLED, TOWN, VEHICLE, Fleet
+from coopsim.world.traffic.cut_out import CutOut
+from coopsim.world.traffic.fleet import CHAUFFEURED, HIGHWAY, PARKED, PEDALLED, TOWN, UNYIELDING, VEHICLE, Fleet
 from coopsim.world.traffic.lanes import NumberedNetwork, closest_lane
 from coopsim.world.traffic.rules import PARKED_ASIDE_M
 
@@ -44,7 +47,11 @@ _PARKED_VANS = 0.15  # share of vans, where a bay has no class of its own
 # Time gap (s) and lateral gain (1/s). highway-env's 1.5 s would fill the lanes of a highway, and leave no gap to pass;
 # with its 1.67 a car turns by 15 degrees at 25 m/s, and back, in a second.
 _MANNERS = {TOWN: (1.5, 1 / 0.6), HIGHWAY: (1.0, 0.5), CHAUFFEURED: (1.5, 1 / 0.6), PEDALLED: (1.5, 1 / 0.6)}
+_MANNERS |= {UNYIELDING: _MANNERS[TOWN], PARKED: _MANNERS[TOWN]}
 
+
+_SCRIPTED = {"unyielding": UNYIELDING, "steady": CHAUFFEURED, "leaves lane": CHAUFFEURED, "parked": PARKED}
+"""Drivers by a role's manner. One whom nobody tells anything, as an agent might, keeps its speed."""
 
 _DRIVERS = {"policy": CHAUFFEURED, "acceleration": PEDALLED}
 
@@ -118,24 +125,47 @@ class Spawner:
             speed = self.rng.uniform(0.75, 1.0) * lane.speed_limit
         fitting = models_of(self._models, ObjectClass(label))
         (model,) = draw_models(self.rng, self._models, fitting, 1).tolist()
-        fleet.rows[k] = np.zeros((), VEHICLE)
-        row = fleet.rows[k]
-        row["id"], row["driver"], row["model"] = self._new_id(), driver, model
-        row["x"], row["y"] = lane.position(along, 0.0)
-        row["heading"], row["speed"], row["target_speed"] = lane.heading_at(along), speed, speed
+        start = StartSlot(slot.lane, along, slot.route)
+        row = self._put(fleet, k, driver, start, model, int(self._turns_rng.integers(2**63)))
+        row["speed"] = row["target_speed"] = speed
         if driver == CHAUFFEURED:
             speeds = np.array(self._layout.speeds_m_s)
             row["target_speed"] = speeds[closest_speed(speeds, speed)]
+
+    def cast(self, fleet: Fleet, k: int, driver: int, role: VehicleRole) -> None:
+        """Put a vehicle of a script into row `k`; a driver who starts from a stand wants the lane's limit."""
+        rng = stream(self._seed, "script", str(k))
+        fitting = models_of(self._models, role.label, parked=role.manner == "parked")
+        if role.model is not None:
+            require_choice(f"model of {role.name!r}", role.model, [self._models[number].name for number in fitting])
+            fitting = np.array([number for number in fitting if self._models[number].name == role.model])
+        (model,) = draw_models(rng, self._models, fitting, 1).tolist()
+        start = StartSlot(role.lane, role.along_m, role.route)
+        row = self._put(fleet, k, driver, start, model, int(rng.integers(2**63)))
+        lane = self._layout.network.get_lane(role.lane)
+        row["x"], row["y"] = lane.position(role.along_m, role.aside_m)
+        row["speed"] = row["target_speed"] = role.speed_m_s
+        if not role.speed_m_s and driver != CHAUFFEURED:
+            row["target_speed"] = lane.speed_limit
+
+    def _put(self, fleet: Fleet, k: int, driver: int, start: StartSlot, model: int, turn_key: int) -> Any:
+        """Put a standing vehicle into row `k`, which is returned."""
+        lane, row = self._layout.network.get_lane(start.lane), fleet.rows[k]
+        fleet.rows[k] = np.zeros((), VEHICLE)
+        row["id"], row["driver"], row["model"] = self._new_id(), driver, model
+        row["x"], row["y"] = lane.position(start.along_m, 0.0)
+        row["heading"] = lane.heading_at(start.along_m)
         row["length"], row["width"] = self._models[model].size_m[:2]
-        row["axle_m"] = row["length"] * (_BUS_AXLES if label == ObjectClass.BUS else 0.5)
-        row["lane"] = row["target_lane"] = self._network.lane_number[slot.lane]
+        row["axle_m"] = row["length"] * (_BUS_AXLES if self._models[model].label == ObjectClass.BUS else 0.5)
+        row["lane"] = row["target_lane"] = self._network.lane_number[start.lane]
         row["time_wanted"], row["lateral_gain"] = _MANNERS[driver]
         row["timer"] = (row["x"] + row["y"]) * np.pi % 1.0  # as in highway-env: not all change lanes at once
-        row["turn_key"] = self._turns_rng.integers(2**63)
+        row["turn_key"] = turn_key
         row["movement"] = row["ticket"] = -1
-        row["route_length"] = len(slot.route)
-        for place, road in enumerate(slot.route):
+        row["route_length"] = len(start.route)
+        for place, road in enumerate(start.route):
             fleet.routes[k, place] = self._network.road_number[road], -1
+        return row
 
     def park(self, fleet: Fleet, first: int, count: int) -> None:
         """Park vehicles in the rows from `first` on: in bays that have a class of their own, then in any."""
@@ -184,7 +214,8 @@ class Traffic:
     """All vehicles of one episode.
 
     `control` is "traffic", which drives connected cars, or they obey the maneuvers ("policy") or the accelerations
-    ("acceleration") of agents; `engine` is one of `ENGINES`.
+    ("acceleration") of agents; `engine` is one of `ENGINES`. With a `script`, its vehicles take the place of drawn ones
+    on the roads: the ego in row 0, then the others in their order.
 
     Attributes:
         fleet: the vehicles, moving ones first, then parked ones.
@@ -200,6 +231,7 @@ class Traffic:
         *,
         control: str = "traffic",
         engine: str = "arrays",
+        script: Script | None = None,
     ) -> None:
         require_choice("traffic", engine, ENGINES)
         self._layout, self._models = layout, models
@@ -209,6 +241,14 @@ class Traffic:
         self._engine = ENGINES[engine](
             self._network, layout.movements, layout.speeds_m_s, layout.priority, layout.clearance_m
         )
+        self._window_m = layout.window_m if script is None else None
+        self._cut_out: CutOut | None = None
+        self._company = np.zeros(0, dtype=np.int64)
+        if script is not None:
+            if engine != "arrays":
+                raise InvalidValueError(f'traffic must be "arrays" where a scenario has a script, got {engine!r}')
+            self._cast(script, population.parked, _DRIVERS.get(control))
+            return
         slots, labels = self._spawner.choose_starts(population)
         cars = self._cars(slots, labels)
         self.connected = tuple(cars[: population.connected])
@@ -234,13 +274,29 @@ class Traffic:
         self._spawner.park(self.fleet, len(slots), population.parked)
         self._company = np.array([k for k in company if _goes_east(layout.slots[slots[k]].lane)], dtype=np.int64)
 
+    def _cast(self, script: Script, parked: int, driver: int | None) -> None:
+        """Put the vehicles of a script on the roads, connected ones with a given driver, and parked ones beside."""
+        roles = (script.ego, *script.vehicles)
+        count = len(roles) + parked
+        roads_ahead = max([self._layout.roads_ahead, *(len(role.route) for role in roles)])
+        self.fleet = Fleet(np.zeros(count, VEHICLE), np.zeros((count, roads_ahead, 2), np.int64))
+        self.connected = tuple(k for k, role in enumerate(roles) if role.connected or k == 0)
+        usual_driver = TOWN if self._layout.window_m is None else HIGHWAY
+        for k, role in enumerate(roles):
+            scripted = _SCRIPTED.get(role.manner, usual_driver)
+            self._spawner.cast(self.fleet, k, driver if driver is not None and k in self.connected else scripted, role)
+        self._spawner.park(self.fleet, len(roles), parked)
+        self._cut_out = CutOut(roles, self._network)
+
     def step(self, dt_s: float, commands: Mapping[int, Command], people: NDArray[Any]) -> None:
         """Advance by `dt_s` among people (M,) `BODY`; commands are those of agents, by the car's number."""
         self._keep_together()
+        if self._cut_out is not None:
+            self._cut_out.act(self.fleet)
         by_row = {self.connected[number]: command for number, command in commands.items()}
         self._engine.step(self.fleet, people, dt_s, by_row)
-        if self._layout.window_m is not None:
-            self._renew(self._layout.window_m)
+        if self._window_m is not None:
+            self._renew(self._window_m)
 
     def way_ahead(self, number: int) -> Route:
         """Return the way ahead of a connected car, by its number."""
