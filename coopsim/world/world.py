@@ -17,6 +17,8 @@ from coopsim.world.models.model import Model
 from coopsim.world.models.paint import Colors, draw_colors
 from coopsim.world.people.people import MANNERS, People, join_bodies
 from coopsim.world.scenario import Scenario
+from coopsim.world.situations.script import Script
+from coopsim.world.situations.walking import ScriptedPeople
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap, StaticPart
 from coopsim.world.traffic.fleet import Fleet
 from coopsim.world.traffic.traffic import Traffic
@@ -32,6 +34,9 @@ renumber another."""
 
 class World:
     """The world of one episode.
+
+    Attributes:
+        conflict_ids: ids of the actors that a situation's script names as conflicting with the ego.
 
     Args:
         scenario: place and population.
@@ -62,7 +67,11 @@ class World:
         for label in MANNERS:
             others = join_bodies(self._people)
             self._people.append(People(ways[label], population.people[label], label, self.models, seed, taken, others))
-        self._groups = {PERSON_ID * (k + 1): people for k, people in enumerate(self._people) if len(people)}  # first id
+        script = scenario.script
+        self._scripted = ScriptedPeople(() if script is None else script.people, self.models, seed)
+        groups = enumerate((*self._people, self._scripted), start=1)
+        self._groups = {PERSON_ID * k: people for k, people in groups if len(people)}  # by the first id
+        self.conflict_ids: tuple[int, ...] = () if script is None else self._conflict_ids(script)
         self._time_s = 0.0
         self._flights = layout.flights[: population.drones]
         self._units = layout.rsus[: population.rsus]
@@ -80,11 +89,18 @@ class World:
         self._time_s += dt_s
         parts = max(1, math.ceil(dt_s / LONGEST_STEP_S - 1e-9))
         for part in range(parts):
-            everybody = join_bodies(self._people)
+            everybody = join_bodies((*self._people, self._scripted))
             held = {number: command for number, command in by_number.items() if isinstance(command, float)}
             self._traffic.step(dt_s / parts, held if part else by_number, everybody)
             for people in self._people:
                 people.step(dt_s / parts, self._traffic.fleet, everybody)
+            self._scripted.step(dt_s / parts)
+
+    def _conflict_ids(self, script: Script) -> tuple[int, ...]:
+        """Return the ids of the actors that the ego of a script may crash into."""
+        vehicles = zip(self.fleet.rows["id"].tolist(), (script.ego, *script.vehicles), strict=False)
+        people = enumerate(script.people, start=PERSON_ID * (len(MANNERS) + 1))
+        return (*(k for k, role in vehicles if role.conflicts), *(k for k, role in people if role.conflicts))
 
     def actors(self) -> Actors:
         """Return all vehicles, connected ones included, then all people; in the world frame."""

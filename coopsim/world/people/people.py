@@ -7,7 +7,7 @@ the way, and is pushed away by others in front. The push aside is limited, so th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -216,7 +216,16 @@ class People:
         return np.asarray(is_safe(middle, np.where(hurried, HURRIED_GAP_S, GAP_S), fleet.rows, direction))
 
 
-def join_bodies(groups: Sequence[People]) -> NDArray[Any]:
+class Group(Protocol):
+    """People who are bodies in each other's and in vehicles' way."""
+
+    def __len__(self) -> int: ...
+
+    def describe(self, bodies: NDArray[Any]) -> None:
+        """Fill bodies (N,) `BODY` that are zero, as vehicles see them."""
+
+
+def join_bodies(groups: Sequence[Group]) -> NDArray[Any]:
     """Return the bodies (M,) `BODY` of all groups, in order."""
     # To concatenate structs would take longer than to fill them.
     bodies, end = np.zeros(sum(map(len, groups)), BODY), 0

@@ -1,0 +1,121 @@
+"""Situations 3 and 4: straight crossing paths at a corner where something hides the streets from each other.
+
+NHTSA's pre-crash scenarios "straight crossing paths at non-signalized junctions" and "running red light" or "running
+stop sign" (Najm, Smith and Yanagisawa, DOT HS 810 767, 2007). Speeds are those of Euro NCAP's car-to-car crossing
+scenario CCCscp (2023 protocol: 20 to 60 km/h for both).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.places.layout import Layout
+from coopsim.world.situations.casting import CONFLICT_S, HEADWAY_S, draw, draw_model, passing, standing
+from coopsim.world.situations.script import VehicleRole
+from coopsim.world.situations.sites import CornerSite, Reach, Way, corner_sites, is_hidden, oncoming_way, with_limits
+from coopsim.world.situations.situation import EGO, SITUATIONS, Range, Situation, Stage
+
+_OCCLUDERS = (ObjectClass.VAN, ObjectClass.TRUCK)
+_HIDDEN_S = 3.0  # before the conflict, while a building must hide the two from each other
+_LATER_S, _EARLIER_S = (2.5, 3.5), (-4.0, -3.0)
+_AFTER_M = 30.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _AtTheCorner(Situation):
+    """A car comes from the side and does not stop.
+
+    Attributes:
+        speed_m_s: speed on the ego's street, the ego's too.
+        other_speed_m_s: speed of the other car.
+        late_s: time by which the other's middle reaches the crossing of the two ways after the ego's, if neither
+            reacts.
+        occluder_m: distance from the crossing of the ways to the front of the vehicle that stands at the corner.
+        aside_m: distance from the middle of the lane to the near side of that vehicle.
+    """
+
+    speed_m_s: Range = (8.3, 13.9)
+    other_speed_m_s: Range = (8.3, 13.9)
+    late_s: Range = (-0.4, 0.4)
+    occluder_m: Range = (7.0, 12.0)
+    aside_m: Range = (2.1, 2.8)
+
+    named: ClassVar[str] = "crossing"
+    has_priority: ClassVar[bool] = False
+    """Whether the ego has the right of way."""
+
+    def stage(self, layout: Layout, rng: np.random.Generator) -> Stage | None:
+        """Draw the situation; see `Situation.stage`."""
+        speed, other, late = (draw(rng, ends) for ends in (self.speed_m_s, self.other_speed_m_s, self.late_s))
+        reach = [
+            Reach(v * (CONFLICT_S + self.late_s[1]), _AFTER_M, v, v * (CONFLICT_S + _LATER_S[1] + 0.4))
+            for v in (speed, other)
+        ]
+        towards = [replace(each, before_m=_AFTER_M) for each in reach]
+        for site in corner_sites(layout, rng, *reach):
+            against = [oncoming_way(way, each) for way, each in zip((site.way, site.across), towards, strict=True)]
+            hidden = is_hidden(layout, site.way.position(-speed * _HIDDEN_S), site.across.position(-other * _HIDDEN_S))
+            if hidden and against[0] is not None and against[1] is not None:
+                break
+        else:
+            return None
+        ways = (site.way, site.across, against[0], against[1])
+        limits = dict.fromkeys((*site.across.roads, *ways[3].roads), other)
+        limits |= dict.fromkeys((*site.way.roads, *ways[2].roads), speed)
+        staged = with_limits(layout, limits)
+        if self.has_priority:
+            staged = replace(staged, priority=(site.movements[0],))
+        ego = draw_model(rng, ObjectClass.CAR)
+        runner = passing("runner", site.across, CONFLICT_S + late, other, manner="unyielding", conflicts=True)
+        return Stage(
+            staged,
+            passing(EGO, site.way, CONFLICT_S, speed, connected=True, model=ego.name),
+            (runner, *_traffic(rng, ways, (speed, other), late), self._occluder(rng, site)),
+            (),
+            site.way.position(0.0),
+        )
+
+    def _occluder(self, rng: np.random.Generator, site: CornerSite) -> VehicleRole:
+        """Draw the vehicle at the corner: at the right kerb of whichever of the two has the other on its right."""
+        way = site.way if site.side < 0 else site.across
+        model = draw_model(rng, *_OCCLUDERS)
+        length_m, width_m = (float(size) for size in model.size_m[:2])
+        along_m = -draw(rng, self.occluder_m) - length_m / 2
+        return standing("occluder", way, along_m, -draw(rng, self.aside_m) - width_m / 2, model)
+
+
+def _traffic(
+    rng: np.random.Generator, ways: tuple[Way, ...], speeds: tuple[float, float], late_s: float
+) -> list[VehicleRole]:
+    """Draw the other traffic: a car behind the ego, one behind the runner, two that come towards each of them."""
+    own, other = speeds
+    _, across, oncoming, facing = ways
+    cars = [passing("behind", ways[0], CONFLICT_S + draw(rng, HEADWAY_S), own)]
+    cars.append(passing("behind the runner", across, CONFLICT_S + late_s + draw(rng, HEADWAY_S), other))
+    for name, way, speed in (("oncoming", oncoming, own), ("facing the runner", facing, other)):
+        cars.append(passing(f"{name}, gone", way, CONFLICT_S + draw(rng, _EARLIER_S), speed))
+        cars.append(passing(f"{name}, to come", way, CONFLICT_S + draw(rng, _LATER_S), speed))
+    return cars
+
+
+@SITUATIONS.register("crossing_path")
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CrossingPath(_AtTheCorner):
+    """A car crosses the ego's way behind the corner of a building, where nobody has the right of way."""
+
+    name: ClassVar[str] = "crossing_path"
+
+
+@SITUATIONS.register("red_light_runner")
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RedLightRunner(_AtTheCorner):
+    """A car runs a red light or a stop line; the ego, like all on its street, has the right of way."""
+
+    other_speed_m_s: Range = (11.1, 15.3)
+
+    name: ClassVar[str] = "red_light_runner"
+    has_priority: ClassVar[bool] = True

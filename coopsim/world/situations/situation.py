@@ -1,0 +1,172 @@
+"""The seam for situations: from a seed to a place and a script that leads to a crash if nobody reacts."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import ClassVar
+
+import numpy as np
+
+from coopsim.errors import InvalidValueError
+from coopsim.geometry import exact
+from coopsim.geometry.se3 import Floats
+from coopsim.support.checks import require_choice, require_count, require_probability
+from coopsim.support.registry import Registry
+from coopsim.support.rng import stream
+from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.places.layout import Layout
+from coopsim.world.population import Population
+from coopsim.world.scenario import EpisodeScenarios, Place, Scenario, make_scenario
+from coopsim.world.situations.script import Script, VehicleRole, WalkRole
+from coopsim.world.towns.options import PlaceSeeds, TownOptions
+from coopsim.world.towns.scenarios import TOWN
+from coopsim.world.towns.town import draw_place
+
+Range = tuple[float, float]
+"""Least and greatest value of a number that each seed draws anew, with equal chances."""
+
+NAMED = "named"
+"""The place of a situation that is built in."""
+
+EGO = "cav_0"
+"""Name of the ego."""
+
+_TOWNS = 20  # tried for an episode, until one has a site: about half of them have one
+_MASTS = 3  # nearest ones, of which one is drawn
+_MOST_ACTORS = 96
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stage:
+    """A situation as it was drawn, before it is decided who is connected.
+
+    Attributes:
+        layout: the place.
+        ego: the ego.
+        vehicles: all other vehicles.
+        people: scripted people.
+        at: (2,) m, the place of the conflict.
+        parked: number of vehicles in the layout's bays, besides those of the script.
+    """
+
+    layout: Layout
+    ego: VehicleRole
+    vehicles: tuple[VehicleRole, ...]
+    people: tuple[WalkRole, ...]
+    at: Floats
+    parked: int = 0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Situation(EpisodeScenarios):
+    """Scenarios of a situation.
+
+    A subclass has further fields for what it draws, says its `named` place, and stages itself in a layout.
+
+    Attributes:
+        place: "named", the built-in place; "town", a drawn one for each seed; or a custom place.
+        penetration: share of the other moving cars that are connected, in [0, 1]; halves are rounded up.
+        rsus: number of roadside units, 0 or 1. Each seed draws it from the three nearest masts.
+        detail: one of `coopsim.world.scenario.DETAILS`; None: the usual one of the place.
+        place_seed: seeds of drawn towns, see `coopsim.world.towns.options.PlaceSeeds`; a town without a site is passed
+            over for the next.
+    """
+
+    place: str | Place = NAMED
+    penetration: float = 0.5
+    rsus: int = 1
+    detail: str | None = None
+    place_seed: int | str | Sequence[int] | None = None
+
+    name: ClassVar[str]
+    named: ClassVar[str]
+    """Name of the scenario with the built-in place."""
+    over_s: ClassVar[float] = 10.0
+    """Time at which the situation is over."""
+    most_actors: ClassVar[int] = _MOST_ACTORS
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.place, Place):
+            require_choice("place", self.place, (NAMED, TOWN))
+        require_probability(penetration=self.penetration)
+        require_count(0, 1, rsus=self.rsus)
+        if self.place_seed is not None and self.place != TOWN:
+            raise InvalidValueError(f"place_seed must be left out unless place is {TOWN!r}, got {self.place_seed!r}")
+        PlaceSeeds(self.place_seed)
+
+    @abstractmethod
+    def stage(self, layout: Layout, rng: np.random.Generator) -> Stage | None:
+        """Draw the situation in a place. None: the place has no site for it."""
+
+    def of(self, seed: int) -> Scenario:
+        """Return the scenario of the episode with this seed.
+
+        Raises:
+            InvalidValueError: the place has no site for the situation.
+        """
+        tried = []
+        for scenario in self._places(seed):
+            tried.append(scenario.name)
+            stage = self.stage(scenario.layout, stream(seed, "situation", self.name))
+            if stage is not None:
+                return self._scenario(scenario, stage, seed)
+        where = f"{len(tried)} drawn towns" if len(tried) > 1 else repr(tried[0])
+        raise InvalidValueError(f"place must have a site for {self.name!r}, but there is none in {where}")
+
+    def _places(self, seed: int) -> Iterator[Scenario]:
+        """Yield the places to try: of drawn towns, the seed's and those of the seeds that follow."""
+        if self.place != TOWN:
+            yield _bare(self.named if self.place == NAMED else self.place, self.detail)
+            return
+        seeds = PlaceSeeds(self.place_seed)
+        for place_seed in dict.fromkeys(seeds.of(seed + k) for k in range(_TOWNS)):
+            yield _town(place_seed, self.detail or "full")
+
+    def _scenario(self, scenario: Scenario, stage: Stage, seed: int) -> Scenario:
+        layout, vehicles = stage.layout, list(stage.vehicles)
+        cars = [k for k, role in enumerate(vehicles) if role.label == ObjectClass.CAR and role.manner != "parked"]
+        order = stream(seed, "situation", self.name, "connected").permutation(len(cars))
+        for k in order[: math.floor(self.penetration * len(cars) + 0.5)]:
+            vehicles[cars[k]] = replace(vehicles[cars[k]], connected=True)
+        script = Script(stage.ego, tuple(vehicles), stage.people, self.over_s)
+        near = np.argsort([exact.hypot(*(unit.translation[:2] - stage.at)) for unit in layout.rsus], kind="stable")
+        if len(near):
+            drawn = int(stream(seed, "situation", self.name, "mast").integers(min(_MASTS, len(near))))
+            chosen = layout.rsus[near[drawn]]
+            layout = replace(layout, rsus=(chosen, *(unit for unit in layout.rsus if unit is not chosen)))
+        return replace(scenario, layout=layout, population=_population(script, stage.parked, self.rsus), script=script)
+
+
+def _population(script: Script, parked: int, rsus: int) -> Population:
+    """Return the numbers of a script."""
+    moving = [role.label for role in (script.ego, *script.vehicles) if role.manner != "parked"]
+    others = ((ObjectClass.VAN, "vans"), (ObjectClass.BUS, "buses"), (ObjectClass.MOTORCYCLE, "motorcycles"))
+    return Population(
+        vehicles=moving.count(ObjectClass.CAR) + moving.count(ObjectClass.TRUCK),
+        trucks=moving.count(ObjectClass.TRUCK),
+        pedestrians=0,
+        connected_cars=1 + sum(role.connected for role in script.vehicles),
+        rsus=rsus,
+        parked=parked,
+        **{name: moving.count(label) for label, name in others},
+    )
+
+
+@lru_cache(8)
+def _bare(place: str | Place, detail: str | None) -> Scenario:
+    """Return a place with nobody in it but a car, and all its masts."""
+    return make_scenario(place, detail=detail, vehicles=1, pedestrians=0, parked=0, truck_share=0.0, connected_cars=1)
+
+
+def _town(place_seed: int, detail: str) -> Scenario:
+    """Return a drawn town, likewise."""
+    place = draw_place(place_seed, TownOptions())
+    return Scenario(TOWN, place.make_layout(), Population(1, 0.0, 0, 1), detail, place.description, place_seed)
+
+
+SITUATIONS: Registry[type[Situation]] = Registry("situation", home="coopsim.world.situations.catalogue")
+"""Classes of situations."""
