@@ -69,8 +69,8 @@ class World:
             self._people.append(People(ways[label], population.people[label], label, self.models, seed, taken, others))
         script = scenario.script
         self._scripted = ScriptedPeople(() if script is None else script.people, self.models, seed)
-        groups = enumerate((*self._people, self._scripted), start=1)
-        self._groups = {PERSON_ID * k: people for k, people in groups if len(people)}  # by the first id
+        groups: list[People | ScriptedPeople] = [*self._people, self._scripted]
+        self._groups = {PERSON_ID * k: people for k, people in enumerate(groups, start=1) if len(people)}  # by first id
         self.conflict_ids: tuple[int, ...] = () if script is None else self._conflict_ids(script)
         self._time_s = 0.0
         self._flights = layout.flights[: population.drones]

@@ -107,7 +107,7 @@ def _traffic(
 class CrossingPath(_AtTheCorner):
     """A car crosses the ego's way behind the corner of a building, where nobody has the right of way."""
 
-    name: ClassVar[str] = "crossing_path"
+    name = "crossing_path"
 
 
 @SITUATIONS.register("red_light_runner")
@@ -117,5 +117,5 @@ class RedLightRunner(_AtTheCorner):
 
     other_speed_m_s: Range = (11.1, 15.3)
 
-    name: ClassVar[str] = "red_light_runner"
+    name = "red_light_runner"
     has_priority: ClassVar[bool] = True

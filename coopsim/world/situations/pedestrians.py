@@ -110,7 +110,7 @@ def _is_beside(way: Way, point: tuple[float, float], across_m: float) -> bool:
 class OccludedPedestrian(_FromTheKerb):
     """An adult walks onto the road in front of a parked van or truck."""
 
-    name: ClassVar[str] = "occluded_pedestrian"
+    name = "occluded_pedestrian"
     person: ClassVar[tuple[str, ObjectClass]] = ("pedestrian", ObjectClass.PEDESTRIAN)
 
     def occluders(self, rng: np.random.Generator, site: KerbSite, gap_m: float) -> tuple[float, list[VehicleRole]]:
@@ -125,7 +125,7 @@ class OccludedPedestrian(_FromTheKerb):
 class ChildBetweenCars(_FromTheKerb):
     """A child runs onto the road between two parked cars."""
 
-    name: ClassVar[str] = "child_between_cars"
+    name = "child_between_cars"
     person: ClassVar[tuple[str, ObjectClass]] = ("child", ObjectClass.CHILD)
 
     gap_m: Range = (0.6, 1.2)

@@ -82,12 +82,11 @@ class Situation(EpisodeScenarios):
     detail: str | None = None
     place_seed: int | str | Sequence[int] | None = None
 
-    name: ClassVar[str]
     named: ClassVar[str]
     """Name of the scenario with the built-in place."""
     over_s: ClassVar[float] = 10.0
     """Time at which the situation is over."""
-    most_actors: ClassVar[int] = _MOST_ACTORS
+    most_actors = _MOST_ACTORS
 
     def __post_init__(self) -> None:
         if not isinstance(self.place, Place):
