@@ -19,6 +19,7 @@ from coopsim.agents import (
     maps,
     queries,
     track_to_track,
+    truth,
     vic_integrated,
 )
 from coopsim.agents.policy import Needs, Policy
@@ -34,6 +35,7 @@ __all__ = [
     "maps",
     "queries",
     "track_to_track",
+    "truth",
     "vic_integrated",
 ]
 

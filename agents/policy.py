@@ -18,7 +18,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -26,11 +26,12 @@ import numpy as np
 from coopsim.comms.decode_once import DecodeOnce
 from coopsim.comms.uplinks.uplink import Uplink, named_uplink
 from coopsim.errors import CodecError, EpisodeStateError, InvalidActionError, InvalidValueError, PolicyMismatchError
+from coopsim.geometry.boxes import Boxes3D
 from coopsim.sensors.camera.camera import rig_camera_names
 from coopsim.support.checks import require_choice, require_flag
 from coopsim.support.methods import is_newer
 from coopsim.support.rng import stream
-from coopsim.types import AgentSpec, Message, Observation, Tracks
+from coopsim.types import AgentSpec, GroundTruth, Message, Observation, Tracks
 from coopsim.types.messages import IDLE
 from coopsim.wire.actions import pack_tracks
 from coopsim.wire.observation_format import ObservationFormat
@@ -50,6 +51,8 @@ class Needs:
             "surround"; False: the policy reads no image, and none is rendered for it.
         any_rig: other cameras than those of `cameras` serve as well, if every agent has one.
         all_agents: every agent must have these sensors; without, those that have them are enough.
+        truth: the policy is told the true objects, in `Observation.truth`. So it is an upper bound, and no competitor:
+            tables mark it, and leaderboards refuse it.
 
     Raises:
         InvalidValueError: a value has the wrong type.
@@ -61,11 +64,12 @@ class Needs:
     cameras: bool | str = False
     any_rig: bool = False
     all_agents: bool = True
+    truth: bool = False
 
     def __post_init__(self) -> None:
         if not (isinstance(self.uplink, str) and self.uplink):
             raise InvalidValueError(f"uplink must be the name of a content, got {self.uplink!r}")
-        require_flag(lidar=self.lidar, any_rig=self.any_rig, all_agents=self.all_agents)
+        require_flag(lidar=self.lidar, any_rig=self.any_rig, all_agents=self.all_agents, truth=self.truth)
         rig_camera_names(self.cameras)
 
 
@@ -201,11 +205,18 @@ class Policy(ABC):
                     f"environment with cameras={needs.cameras!r}, {hint}"
                 )
 
-    def act(self, observations: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    def act(
+        self, observations: Mapping[str, Mapping[str, Any]], infos: Mapping[str, Mapping[str, Any]] | None = None
+    ) -> dict[str, dict[str, Any]]:
         """Return the actions of all agents that have an observation.
+
+        Args:
+            observations: observations by agent.
+            infos: infos of the same frame; read by no policy but one that `needs` the truth.
 
         Raises:
             EpisodeStateError: before `reset`.
+            PolicyMismatchError: the policy needs the truth, and the infos lack it.
             UnknownNameError: an agent is not among those given to `reset`.
             InvalidActionError: `track` returned something other than `Tracks`, or `track_all` returned them
                 for other agents than it was given.
@@ -215,6 +226,8 @@ class Policy(ABC):
         for name in observations:
             require_choice("agent", name, self.specs)
         seen = self._format.unpack_all(observations)
+        if self.needs.truth:
+            seen = {name: replace(each, truth=_truth_in((infos or {}).get(name, {}))) for name, each in seen.items()}
         reported: Mapping[str, object] = self.track_all(seen)  # custom policies may ignore the annotation
         if not (isinstance(reported, Mapping) and set(reported) == set(seen)):
             got = sorted(map(str, reported)) if isinstance(reported, Mapping) else type(reported).__name__
@@ -231,3 +244,15 @@ class Policy(ABC):
         if self.specs[agent].drives:
             action["maneuver"] = self.drive(agent, observation)
         return action
+
+
+def _truth_in(info: Mapping[str, Any]) -> GroundTruth:
+    """Read the truth in an agent's info."""
+    if "ground_truth" not in info:
+        raise PolicyMismatchError(
+            "a policy that needs the truth reads it in the infos: make the environment with expose_ground_truth=True, "
+            "and call policy.act(observations, infos), or use coopsim.evaluate, which does"
+        )
+    columns = info["ground_truth"]
+    known = {name: columns.get(name) for name in ("visible_to", "velocity", "returns", "in_region", "counts")}
+    return GroundTruth(columns["id"], Boxes3D.from_array(columns["box"]), columns["label"], **known)

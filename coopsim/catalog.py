@@ -74,9 +74,9 @@ def make_policy(name: str, /, **parameters: Any) -> Policy:
 
 
 def policies_on_boxes() -> tuple[str, ...]:
-    """Return the names of the policies that read no sensor data: those that can run on recordings of detections."""
+    """Return the names of the policies that read neither sensor data nor the truth, and so run on recorded boxes."""
     needs = {name: POLICIES.get(name).needs for name in POLICIES.names()}
-    return tuple(name for name, each in needs.items() if not (each.lidar or each.cameras))
+    return tuple(name for name, each in needs.items() if not (each.lidar or each.cameras or each.truth))
 
 
 def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:

@@ -142,6 +142,10 @@ def world_points(frame: Frame) -> Floats:
     return np.concatenate(parts) if parts else np.zeros((0, 3))
 
 
+TRUTH_INFOS = ("ground_truth", "true_pose", "actor_id", "instances", "segmentation", "visibility", "pixel_visibility")
+"""Keys of the truth in infos, see `truth_infos`."""
+
+
 def truth_infos(frame: Frame, *, visibility: bool) -> dict[str, dict[str, Any]]:
     """Return the truth of a frame as it stands in the agents' infos; `visibility` adds the part that takes time.
 

@@ -145,6 +145,10 @@ def make_provided(
         needed["uplink"] = broadcasts = Broadcasts(roles[content])
     if "cameras" not in options and (rig := _agreed("cameras", _rigs(roles))) is not None:
         needed["cameras"] = roles[rig].needs.cameras
+    if told := [role for role, policy in roles.items() if policy.needs.truth]:
+        if not options.get("expose_ground_truth", True):
+            raise PolicyMismatchError(f"{_described(roles, told[0])} needs the truth: leave out expose_ground_truth")
+        options = {**options, "expose_ground_truth": True}
     try:
         env = parallel_env(environment, **needed, **options)
     except UnknownNameError as error:

@@ -12,6 +12,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from coopsim.agents.policy import Policy
+from coopsim.envs.frames import TRUTH_INFOS
 from coopsim.envs.parallel import CooperativeEnv
 from coopsim.envs.roles import Others, PolicyLike, Roles, make_provided
 from coopsim.errors import CoopsimError, EpisodeStateError, InvalidValueError
@@ -19,7 +20,7 @@ from coopsim.support.checks import require_choice
 from coopsim.support.rng import derived_seed, require_seed
 from coopsim.types import Tracks
 from coopsim.types.messages import IDLE, MANEUVERS
-from coopsim.wire.actions import pack_tracks
+from coopsim.wire.actions import act_of, pack_tracks
 
 Packed = dict[str, Any]
 
@@ -89,6 +90,9 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
             raise
         if broadcasts is not None:
             broadcasts.by_agent = {name: each for name, each in self.policies.items() if each.needs.uplink != "none"}
+        self._hides_truth = any(each.needs.truth for each in self.policies.values()) and not options.get(
+            "expose_ground_truth"
+        )
         self._groups = _groups(self.policies)
         self._silent = {name: _silence(drives=spec.drives) for name, spec in specs.items() if name not in self.policies}
         self._tracked = tracker is not None
@@ -97,6 +101,7 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         self.observation_space = _without_empty(self.parallel.observation_space(self.ego))
         self.action_space = spaces.Discrete(len(MANEUVERS)) if self._tracked else self.parallel.action_space(self.ego)
         self._observations: dict[str, Packed] = {}
+        self._infos: dict[str, dict[str, Any]] = {}
         self._policies_actions: dict[str, Packed] | None = None
         self._refusal: str | None = "there is no episode yet: call reset first"
 
@@ -122,7 +127,8 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         if self.ego not in observations:
             raise EpisodeStateError(f"{self.ego} is not in the episode's first frame: {sorted(observations)} are")
         self._observations, self._policies_actions, self._refusal = observations, None, None
-        return self._own(observations[self.ego]), infos[self.ego]
+        self._infos = infos
+        return self._own(observations[self.ego]), self._told(infos[self.ego])
 
     def step(self, action: Any) -> tuple[Packed, float, bool, bool, dict[str, Any]]:
         """Act, let the others act, and go to the next frame.
@@ -143,11 +149,13 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         actions = self._policies_actions | {self.ego: self._whole(action)}
         observations, rewards, terminations, truncations, infos = self.parallel.step(actions)
         self._observations, self._policies_actions = self._observations | observations, None
+        self._infos = infos
         terminated = terminations[self.ego]
         truncated = not terminated and (truncations[self.ego] or self.ego not in self.parallel.agents)
         if terminated or truncated:
             self._refusal = "the episode is over: call reset to begin another"
-        return self._own(self._observations[self.ego]), rewards[self.ego], terminated, truncated, infos[self.ego]
+        seen, told = self._own(self._observations[self.ego]), self._told(infos[self.ego])
+        return seen, rewards[self.ego], terminated, truncated, told
 
     def render(self) -> NDArray[np.uint8] | None:
         """Draw the scene from above; see `CooperativeEnv.render`."""
@@ -167,8 +175,12 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         actions = {agent: action for agent, action in self._silent.items() if agent in present}
         for policy, served in self._groups:
             if seen := {agent: self._observations[agent] for agent in served if agent in present}:
-                actions |= policy.act(seen)
+                actions |= act_of(policy, seen, self._infos)
         return actions
+
+    def _told(self, info: dict[str, Any]) -> dict[str, Any]:
+        """Return the ego's info: without the truth that is there only because a policy needs it."""
+        return {key: each for key, each in info.items() if not (self._hides_truth and key in TRUTH_INFOS)}
 
     def _own(self, packed: Packed) -> Packed:
         """Return a copy of the observation: gymnasium wants no two to share an array, and a recording repeats its."""

@@ -14,7 +14,7 @@ from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.grid.policies import arithmetic_of
 from coopsim.bench.report.bench_report import About, write_bench_report
 from coopsim.bench.report.scene import Film, Scene, SceneRun
-from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.results.result_table import ResultTable, named
 from coopsim.catalog import PolicySpec
 from coopsim.errors import EpisodeStateError
 from coopsim.types import CameraImage, Tracks
@@ -58,7 +58,7 @@ class DemoRun:
     def about(self) -> dict[str, str]:
         """The first columns of the run's row in a table."""
         latency = "the channel's" if self.latency_s is None else f"{self.latency_s * 1000:g} ms"
-        return {"policy": self.policy, "latency": latency}
+        return {"policy": named(self.policy, bound=self.evaluation.bound), "latency": latency}
 
     @property
     def tracks(self) -> list[Mapping[str, Tracks]]:

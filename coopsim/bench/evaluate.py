@@ -21,6 +21,7 @@ from coopsim.metrics.track_log import TrackLog
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import derived_seed
 from coopsim.types import NS_PER_S, GroundTruth, Tracks
+from coopsim.wire.actions import act_of
 
 if TYPE_CHECKING:
     from coopsim.agents.policy import Policy
@@ -45,6 +46,7 @@ class Evaluation:
         place_seed: seed of the drawn place of the episode; None: the place is not drawn.
         counts: counters of the policy, by name (`Policy.counts`).
         method: the method of a paper, or part of one, that the policy is (`Policy.method`).
+        bound: the policy was told the truth, so that its scores are an upper bound (`Needs.truth`).
     """
 
     score: Score
@@ -56,6 +58,7 @@ class Evaluation:
     place_seed: int | None = None
     counts: Mapping[str, int] = field(default_factory=dict)
     method: str = ""
+    bound: bool = False
 
     @property
     def frames_per_s(self) -> float:
@@ -73,6 +76,7 @@ class RecordingsEvaluation:
         frames: number of frames, over all sequences.
         seconds: wall time of tracking and scoring, without reading files.
         method: the method of a paper, or part of one, that the policy is (`Policy.method`).
+        bound: the policy was told the truth (`Needs.truth`).
     """
 
     count: Score
@@ -80,6 +84,7 @@ class RecordingsEvaluation:
     frames: int
     seconds: float
     method: str = ""
+    bound: bool = False
 
     @property
     def frames_per_s(self) -> float:
@@ -119,9 +124,8 @@ def evaluate(
         messages = replace(env.channel_counts, rejected=sum(rejected.values()))
         place_seed = env.episode_infos.get("place_seed")
         score, links = env.score(), env.link_counts
-        return Evaluation(
-            score, rewards, len(rewards), seconds, messages, links, place_seed, dict(counts), policy.method
-        )
+        told = policy.method, policy.needs.truth
+        return Evaluation(score, rewards, len(rewards), seconds, messages, links, place_seed, dict(counts), *told)
     finally:
         env.close()
 
@@ -176,7 +180,7 @@ def evaluate_recordings(
     count = Score.mean({each: summarize(logs[each], bytes_per_s=sent_bytes[each] / on_air_s[each]) for each in played})
     ignore = count.ignoring_false_positives()
     seconds += time.perf_counter() - started
-    return RecordingsEvaluation(count, ignore, frames, seconds, policy.method)
+    return RecordingsEvaluation(count, ignore, frames, seconds, policy.method, policy.needs.truth)
 
 
 def replay_keywords(path: str | Path, detections: Sequence[str] | None, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -195,12 +199,12 @@ def run_episode(
     """Step until the episode ends. Return the mean reward per frame (F,), and seconds of wall time."""
     _warm_up()
     rewards: list[float] = []
-    observations, _ = env.reset(seed=seed, options=reset_options)
+    observations, infos = env.reset(seed=seed, options=reset_options)
     policy.reset(env.agent_specs, seed=derived_seed(seed, "policy"))
     seconds = 0.0
     while env.agents:
         started = time.perf_counter()
-        observations, reward, *_ = env.step(policy.act(observations))
+        observations, reward, _, _, infos = env.step(act_of(policy, observations, infos))
         seconds += time.perf_counter() - started
         rewards.append(float(np.mean(list(reward.values()))))
         if on_frame is not None:
@@ -227,7 +231,7 @@ def _instance(policy: Policy | str) -> Policy:
 
 
 def listening_env(environment: str, policy: Policy, options: Mapping[str, Any]) -> CooperativeEnv:
-    """Make the environment that provides what the policy needs: its uplink, LiDAR and cameras.
+    """Make the environment that provides what the policy needs: its uplink, LiDAR, cameras, or the truth.
 
     Raises:
         CoopsimError: an uplink is among the options, or the environment cannot provide what the policy needs.
@@ -237,13 +241,17 @@ def listening_env(environment: str, policy: Policy, options: Mapping[str, Any]) 
         raise InvalidValueError(
             f"uplink is not an option here: {type(policy).__name__} decides it, and says {needs.uplink!r}"
         )
-    needed = {"cameras": needs.cameras} if needs.cameras else {}
+    needed: dict[str, Any] = {"cameras": needs.cameras} if needs.cameras else {}
+    if needs.truth:
+        if not options.get("expose_ground_truth", True):
+            raise PolicyMismatchError(f"{type(policy).__name__} needs the truth: leave out expose_ground_truth=False")
+        needed["expose_ground_truth"] = True
     if needs.uplink == "none":  # the codec is for the content of other policies in the same comparison
         options = {name: value for name, value in options.items() if name != "codec"}
     try:
         env = parallel_env(environment, **{"uplink": policy, **needed, **options})
     except UnknownNameError as error:
-        if needed and error.name == "cameras" and "cameras" not in options:
+        if needs.cameras and error.name == "cameras" and "cameras" not in options:
             raise PolicyMismatchError(
                 f"{type(policy).__name__} needs cameras {needs.cameras!r}, and {environment!r} has none"
             ) from error

@@ -54,6 +54,10 @@ def evaluate_each(
     specs = {name: PolicySpec.parse(name) for name in policies}
     for spec in specs.values():
         with isolation.described(spec) as policy:
+            if policy.needs.truth:
+                raise InvalidValueError(
+                    f"policies must compete, got {spec.text!r}, which is told the truth: it is an upper bound"
+                )
             listening_env("replay", policy, replayed).close()
 
     def evaluated(spec: PolicySpec) -> RecordingsEvaluation:

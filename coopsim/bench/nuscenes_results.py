@@ -43,7 +43,7 @@ from coopsim.metrics.track_log import FlatLog, TrackLog
 from coopsim.support.files import locked, make_folder
 from coopsim.support.rng import derived_seed
 from coopsim.types import GroundTruth, Ints, ObjectClass, Tracks
-from coopsim.wire.actions import unpack_actions
+from coopsim.wire.actions import act_of, unpack_actions
 
 if TYPE_CHECKING:
     from coopsim.envs.parallel import CooperativeEnv
@@ -93,7 +93,7 @@ def write_results(
             observations, infos = env.reset(seed=seed)
             runner.reset(env.agent_specs, seed=derived_seed(seed, "policy"))
             for index in range(plan.frames):
-                actions = runner.act(observations)
+                actions = act_of(runner, observations, infos)
                 if index % every == 0:
                     # Not `env.agents`: in the last frame of an episode nobody is left to act.
                     tracks, _ = unpack_actions(list(observations), actions, [])

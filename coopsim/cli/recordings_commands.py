@@ -77,15 +77,16 @@ def _add_replay(parser: argparse.ArgumentParser) -> None:
 def _run_replay(options: argparse.Namespace) -> int:
     from coopsim.bench.evaluate import evaluate_recordings
     from coopsim.bench.report.bench_text import format_table, score_row
+    from coopsim.bench.results.result_table import named
 
     if options.json is not None:
         require_writable(options.json)
     result = evaluate_recordings(options.policy, options.path, options.detections, **_replay_options(options))
-    protocols = {"count": result.count, "ignore": result.ignore}
+    protocols, policy = {"count": result.count, "ignore": result.ignore}, named(options.policy, bound=result.bound)
     print(
         format_table(
             [
-                ({"policy": options.policy, "false positives": name}, score_row(score, result.frames_per_s))
+                ({"policy": policy, "false positives": name}, score_row(score, result.frames_per_s))
                 for name, score in protocols.items()
             ]
         )

@@ -19,7 +19,7 @@ from coopsim.geometry.se3 import wrap_angle
 from coopsim.support.rng import derived_seed
 from coopsim.testing.harness import SMALL, Episode, digest, name_of, require_same, untouched
 from coopsim.types import Tracks
-from coopsim.wire.actions import unpack_action
+from coopsim.wire.actions import act_of, unpack_action
 
 if TYPE_CHECKING:
     from coopsim.agents.policy import Policy
@@ -91,8 +91,8 @@ class _OneForEach:
         for name in specs:
             self._of(name).reset(specs, seed=seed)
 
-    def act(self, observations: Mapping[str, Any]) -> dict[str, Any]:
-        return {name: self._of(name).act({name: packed})[name] for name, packed in observations.items()}
+    def act(self, observations: Mapping[str, Any], *infos: Mapping[str, Any]) -> dict[str, Any]:
+        return {name: self._of(name).act({name: packed}, *infos)[name] for name, packed in observations.items()}
 
 
 def _make(policy: str | Policy | Callable[[], Policy]) -> Policy:
@@ -116,24 +116,24 @@ def _play(
     env = listening_env(environment, policy, options)
     episode: list[dict[str, Tracks]] = []
     try:
-        observations, _ = env.reset(seed=5)
+        observations, infos = env.reset(seed=5)
         policy.reset(env.agent_specs, seed=derived_seed(5, "policy"))
         while env.agents:
             given = {agent: _spoiled(each) for agent, each in observations.items()} if spoil else observations
             asked = dict(reversed(list(given.items()))) if backwards else given
             with untouched(asked, f"{name} must leave its observations as they are"):
-                actions = _act(policy, name, asked)
+                actions = _act(policy, name, asked, infos)
             assert actions.keys() == asked.keys(), f"{name} must act for {sorted(asked)}, got {sorted(actions)}"
             episode.append(_reports(name, actions, {agent: env.agent_specs[agent].drives for agent in asked}))
-            observations, *_ = env.step(actions)
+            observations, _, _, _, infos = env.step(actions)
     finally:
         env.close()
     return episode
 
 
-def _act(policy: Policy, name: str, observations: Mapping[str, Any]) -> dict[str, Any]:
+def _act(policy: Policy, name: str, observations: Mapping[str, Any], infos: Mapping[str, Any]) -> dict[str, Any]:
     try:
-        return policy.act(observations)
+        return act_of(policy, observations, infos)
     except Exception as error:
         raise AssertionError(f"{name} must report tracks, got {type(error).__name__}: {error}") from error
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from coopsim.errors import InvalidValueError
-from coopsim.types.estimates import Detections
+from coopsim.types.estimates import Detections, GroundTruth
 from coopsim.types.sensing import (
     CameraCalibration,
     CameraImage,
@@ -68,6 +68,7 @@ class Observation:
         inbox: messages that arrived since the last observation, oldest capture first.
         sensed: flag of a frame in which sensors and detector ran; False only with the option `sense_every` > 1: there
             are no points, images or detections.
+        truth: the true objects, in `track` of a policy with `Needs(truth=True)`; None everywhere else.
     """
 
     time_ns: int
@@ -78,6 +79,7 @@ class Observation:
     cameras: Mapping[str, CameraImage] = field(default_factory=dict)
     inbox: tuple[Message, ...] = ()
     sensed: bool = True
+    truth: GroundTruth | None = None
 
     def with_inbox(self, inbox: tuple[Message, ...]) -> Observation:
         """Return the observation with these messages, oldest capture first."""

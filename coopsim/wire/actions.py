@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium import spaces
@@ -15,6 +15,9 @@ from coopsim.types import Tracks
 from coopsim.types.messages import IDLE, MANEUVERS
 from coopsim.types.taxonomy import CLASS_NAMES
 from coopsim.wire.columns import COUNTER, box_space, real_space, rows_space
+
+if TYPE_CHECKING:
+    from coopsim.agents.policy import Policy
 
 _TRACK_COLUMNS = {
     "id": ("track id", np.dtype(np.int64)),
@@ -118,3 +121,10 @@ def _unpack_tracks(packed: object) -> Tracks:
         raise InvalidActionError(f"track id must be in 0..{COUNTER - 1}, got {track_id.min()}..{track_id.max()}")
     score = score[:, 0] if score.ndim == 2 and score.shape[1] == 1 else score
     return Tracks(track_id, Boxes3D.from_array(box), velocity, score, label)
+
+
+def act_of(
+    policy: Policy, observations: Mapping[str, Mapping[str, Any]], infos: Mapping[str, Mapping[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """Return a policy's actions. The infos, in which the truth may be, go to a policy that `needs` it alone."""
+    return policy.act(observations, infos) if policy.needs.truth else policy.act(observations)

@@ -231,7 +231,10 @@ class DetectPlan:
         met += [(policies[0], environment, last) for environment in self.environments]
         for text, environment, disturbance in met:
             options, _ = self._episode(text, environment, disturbance)
-            env = listening_env(environment, self.specs[text].make(), options)
+            policy = self.specs[text].make()
+            if policy.needs.truth:
+                raise InvalidValueError(f"policies must detect, got {text!r}, which is told the truth")
+            env = listening_env(environment, policy, options)
             try:
                 receiving(env, self.receivers)
             finally:

@@ -153,6 +153,7 @@ def result_of(cell: Cell, evaluation: Evaluation, arithmetic: str) -> CellResult
         counts=_as_counts(evaluation.counts),
         method=evaluation.method,
         arithmetic=arithmetic,
+        bound=evaluation.bound,
     )
 
 

@@ -105,6 +105,7 @@ class CellResult:
         method: the method of a paper, or part of one, that the policy is (`Policy.method`).
         arithmetic: arithmetic of networks in the run, see `coopsim.support.precision`; empty: unknown, or the cell
             failed.
+        bound: the policy was told the truth: an upper bound, which does not compete (`Needs.truth`).
     """
 
     cell: Cell
@@ -117,6 +118,7 @@ class CellResult:
     counts: Mapping[str, int] = field(default_factory=dict)
     method: str = ""
     arithmetic: str = ""
+    bound: bool = False
 
     @property
     def failed(self) -> bool:

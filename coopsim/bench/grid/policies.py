@@ -21,8 +21,8 @@ def name_all(policies: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
     """Replace "all" in a list of policies; the others stay as they are.
 
     It stands for every registered policy, those of installed packages among them, as it is by default. Left out are
-    those that the list names itself, with whatever parameters, and those whose weights do not ship. Return the list,
-    and the policies whose weights do not ship, with the reason.
+    those that the list names itself, with whatever parameters, upper bounds, and those whose weights do not ship.
+    Return the list, and the policies whose weights do not ship, with the reason.
 
     Raises:
         CoopsimError: the list has "all", and a policy that is not registered or needs a missing package.
@@ -30,7 +30,8 @@ def name_all(policies: Sequence[str]) -> tuple[tuple[str, ...], dict[str, str]]:
     if ALL not in policies:
         return tuple(policies), {}
     named = {PolicySpec.parse(policy).policy_class() for policy in policies if policy != ALL}
-    reasons = {name: _reason(name) for name in POLICIES.names() if POLICIES.get(name) not in named}
+    known = {name: POLICIES.get(name) for name in POLICIES.names()}
+    reasons = {name: _reason(name) for name, each in known.items() if each not in named and not each.needs.truth}
     rest = [name for name, reason in reasons.items() if not reason]
     place = policies.index(ALL)
     made = (*policies[:place], *rest, *policies[place + 1 :])

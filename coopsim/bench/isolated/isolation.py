@@ -101,7 +101,10 @@ class Isolation:
         A user's own class is not imported here if policies have processes of their own.
         """
         if not spec.place:
-            yield spec.make()
+            policy = spec.make()
+            if self.limit_s is not None:
+                _require_no_truth(spec, policy)
+            yield policy
             return
         with self.policy(spec) as policy:
             yield policy
@@ -151,6 +154,7 @@ class IsolatedPolicy(coopsim.Policy):
         try:
             made = self.ask("make", spec)
             self.needs, self.method = coopsim.Needs(**made["needs"]), str(made["method"])
+            _require_no_truth(spec, self)
         except (TypeError, KeyError) as error:
             self.close()
             raise self._error(f"answered nonsense: no needs ({error})") from error
@@ -198,7 +202,9 @@ class IsolatedPolicy(coopsim.Policy):
         self.specs, self._frames = dict(agent_specs), 0
         self.ask("reset", dict(agent_specs), seed)
 
-    def act(self, observations: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    def act(  # type: ignore[override]  # it gets no infos
+        self, observations: Mapping[str, Mapping[str, Any]]
+    ) -> dict[str, dict[str, Any]]:
         actions: dict[str, dict[str, Any]] = self.ask("act", dict(observations))
         self._frames += 1
         return actions
@@ -252,6 +258,13 @@ class _RemoteUplink(ContentUplink[Any]):
     def hear(self, receiver: str, observation: Observation) -> None:
         if self._hears:
             self._policy.ask("hear", receiver, observation)
+
+
+def _require_no_truth(spec: PolicySpec, policy: Policy) -> None:
+    if policy.needs.truth:
+        raise InvalidValueError(
+            f"policies must not need the truth to run in processes of their own, which get none; {spec.text!r} does"
+        )
 
 
 def _least_environment() -> dict[str, str]:

@@ -107,7 +107,7 @@ def _policies(table: ResultTable, provenance: Provenance) -> list[str]:
         loads = provenance.weights.get(policy)
         loaded = [f"weights {', '.join(loads)}"] if loads else []
         method = [table.methods[policy]] if policy in table.methods else []
-        lines.append(f"{policy}: {'; '.join([*sent, *loaded, *method])}".rstrip(": "))
+        lines.append(f"{table.names[policy]}: {'; '.join([*sent, *loaded, *method])}".rstrip(": "))
     return lines + [f"left out: {policy}: {reason}" for policy, reason in provenance.left_out.items()]
 
 

@@ -14,18 +14,19 @@ from typing import Any
 from coopsim.bench.grid.cell import Axis, Condition, mildest, mildest_along, varying_axes
 from coopsim.bench.report.bench_text import BYTES_TITLE, form_of, format_value
 from coopsim.bench.report.formats import to_csv_text
-from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.results.result_table import ResultTable, named
 from coopsim.bench.results.standings import BestComparison, compare_with_best, known_mean
 from coopsim.bench.results.statistics import LEVEL, seeds_needed, smallest_p_value
 from coopsim.config.spec import parse_spec
 from coopsim.metrics.built_in import BYTES, less_is_better
 
 
-def short_names(policies: Sequence[str]) -> dict[str, str]:
+def short_names(table: ResultTable) -> dict[str, str]:
     """Return a short name of each policy: without parameters and file, where no other one is then called alike."""
-    bare = {policy: _bare(policy) for policy in policies}
+    bare = {policy: _bare(policy) for policy in table.policies}
     count = Counter(bare.values())
-    return {policy: policy if count[name] > 1 and policy != name else name for policy, name in bare.items()}
+    short = {policy: policy if count[name] > 1 and policy != name else name for policy, name in bare.items()}
+    return {policy: named(name, bound=policy in table.bounds) for policy, name in short.items()}
 
 
 def _bare(policy: str) -> str:
@@ -85,7 +86,7 @@ def _table(table: ResultTable, columns: Sequence[_Column], heading: str, label: 
         _rates(table, column) if entries is None else [_cell(entry, form_of(column.metric)) for entry in entries]
         for column, entries in zip(columns, compared, strict=True)
     ]
-    names = short_names(table.policies)
+    names = short_names(table)
     order = _order(columns, compared, len(table.policies))
     lines = [" & ".join([escape(names[table.policies[k]]), *(column[k] for column in texts)]) + r" \\" for k in order]
     heads = " & ".join(["policy", *(escape(column.title) for column in columns)])
@@ -187,6 +188,7 @@ def interval_csv(table: ResultTable, metrics: Sequence[str]) -> str:
                 rows.append(
                     {
                         "policy": policy,
+                        **({"bound": policy in table.bounds} if table.bounds else {}),
                         **where,
                         "metric": metric,
                         "mean": _or_none(entry.interval.mean),

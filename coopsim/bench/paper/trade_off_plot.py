@@ -103,7 +103,7 @@ def _points(table: ResultTable, metric: str, sends: Mapping[str, str]) -> list[_
     """Return the policies that have values, by rising bytes."""
     calm = [table.conditions.index(each) for each in mildest(table.conditions)] or list(range(len(table.conditions)))
     values, rates = (known_mean(table.values(name)[:, calm], axis=1) for name in (metric, BYTES))
-    names = short_names(table.policies)
+    names = short_names(table)
     found = [
         _Point(names[policy], sends.get(policy, ""), float(rate), table.samples.interval(row))
         for policy, rate, row in zip(table.policies, known_mean(rates, axis=1), values, strict=True)

@@ -55,7 +55,7 @@ def _panel(panel: Any, table: ResultTable, values: np.ndarray[Any, Any], axis: A
     # No limit stands to the right of the largest value, on a logarithmic axis.
     endless = len(known) < len(chosen)
     places = [value if math.isfinite(value) else (4 * max(known) if known else 1.0) for value, _ in chosen]
-    for number, policy in enumerate(table.policies):
+    for number, policy in enumerate(table.names.values()):
         intervals = [table.samples.interval(values[number, k]) for _, k in chosen]
         means = np.array([each.mean for each in intervals])
         whiskers = np.nan_to_num([each.half_width for each in intervals])

@@ -147,7 +147,7 @@ def _data(table: ResultTable, clips: Sequence[Clip]) -> dict[str, Any]:
     scenarios = table.scenarios
     metrics = [*table.shown, *([BYTES] if BYTES in table.metrics else [])]
     return {
-        "policies": table.policies,
+        "policies": list(table.names.values()),
         "scenarios": scenarios,
         "metrics": [{"name": name, "less": less_is_better(name)} for name in table.shown],
         "axes": [

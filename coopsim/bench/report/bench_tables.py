@@ -34,7 +34,7 @@ def leaderboard(table: ResultTable, metric: str) -> str:
     for entry in entries:
         cells = [
             _cell("-" if entry.rank is None else str(entry.rank), entry.rank or math.inf),
-            _cell(html.escape(entry.policy), None, "about"),
+            _cell(html.escape(table.names[entry.policy]), None, "about"),
             _cell(interval_html(entry.mean, form), entry.mean.mean),
             _cell(_strip(entry, low, high, several), None, "about"),
         ]
@@ -60,7 +60,8 @@ def condition_table(table: ResultTable, condition: int) -> str:
         form = form_of(name)
         intervals = [table.samples.interval(values) for values in table.values(name)[:, condition]]
         means = [format_value(each.mean, form) for each in intervals]
-        best = _best(means, name)
+        competing = [mean for mean, policy in zip(means, table.policies, strict=True) if policy not in table.bounds]
+        best = _best(competing, name)
         columns.append(
             [
                 _cell(interval_html(each, form), None, "best" if mean == best else "")
@@ -68,8 +69,8 @@ def condition_table(table: ResultTable, condition: int) -> str:
             ]
         )
     rows = [
-        f"<tr>{_cell(html.escape(policy), None, 'about')}{''.join(column[k] for column in columns)}</tr>"
-        for k, policy in enumerate(table.policies)
+        f"<tr>{_cell(html.escape(name), None, 'about')}{''.join(column[k] for column in columns)}</tr>"
+        for k, name in enumerate(table.names.values())
     ]
     return _table(heads, rows)
 

@@ -65,6 +65,7 @@ def to_csv(table: ResultTable) -> str:
         rows.append(
             {
                 "policy": cell.policy,
+                **({"bound": result.bound} if table.bounds else {}),
                 **asdict(cell.condition),
                 "seed": cell.seed,
                 **({"place_seed": result.place_seed} if drawn else {}),
@@ -94,7 +95,7 @@ def _leaderboard(table: ResultTable, metric: str) -> str:
         rows.append(
             [
                 "-" if entry.rank is None else str(entry.rank),
-                _escaped(entry.policy),
+                _escaped(table.names[entry.policy]),
                 _interval(entry.mean, form),
                 *(worst if several else []),
                 format_value(entry.bytes_per_s, form_of(BYTES)),
@@ -112,7 +113,7 @@ def _condition(table: ResultTable, condition: int, metrics: Sequence[str]) -> st
         [_interval(table.samples.interval(seeds), form_of(name)) for seeds in table.values(name)[:, condition]]
         for name in names
     ]
-    rows = [[_escaped(policy), *(each[k] for each in columns)] for k, policy in enumerate(table.policies)]
+    rows = [[_escaped(name), *(each[k] for each in columns)] for k, name in enumerate(table.names.values())]
     heads = ["policy", *map(title_of, names)]
     align = ["left", *["right"] * len(names)]
     return tabulate(rows, heads, tablefmt="github", colalign=align, disable_numparse=True)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
-from coopsim.bench.results.result_table import Samples, samples_of
+from coopsim.bench.results.result_table import Samples, named, samples_of
 from coopsim.bench.results.statistics import (
     LEVEL,
     Interval,
@@ -128,8 +128,9 @@ def compare_results(
     rows: list[Difference] = []
     for policy in sorted({cell.policy for cell in matched}):
         mine = {cell: both for cell, both in matched.items() if cell.policy == policy}
+        name = named(policy, bound=any(result.bound for both in mine.values() for result in both))
         for metric in chosen:
-            rows += _differences(policy, metric, mine, sample_of, unmatched)
+            rows += _differences(name, metric, mine, sample_of, unmatched)
     if not rows:
         raise InvalidValueError(f"no pair of cells has a value of {' or '.join(chosen)} on both sides")
     return Comparison(_corrected(rows), len(matched), tuple(unmatched), samples)

@@ -26,6 +26,11 @@ REPORTED = (
 """The built-in metrics that reports show, in order; those that users have registered follow."""
 
 
+def named(policy: str, *, bound: bool) -> str:
+    """Return a policy's name as tables show it: a bound is marked."""
+    return f"{policy} (upper bound)" if bound else policy
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ResultTable:
     """The results of a benchmark, sorted.
@@ -145,6 +150,16 @@ class ResultTable:
     def methods(self) -> dict[str, str]:
         """The method of a paper that each policy is, or a part of it; policies that do not say are left out."""
         return {result.cell.policy: result.method for result in self.results if result.method}
+
+    @property
+    def bounds(self) -> frozenset[str]:
+        """The policies that were told the truth: upper bounds, which stand in every table and do not compete."""
+        return frozenset(result.cell.policy for result in self.results if result.bound)
+
+    @property
+    def names(self) -> dict[str, str]:
+        """The policies' names as tables show them, by policy: bounds are marked."""
+        return {policy: named(policy, bound=policy in self.bounds) for policy in self.policies}
 
     @property
     def scenarios(self) -> tuple[str, ...]:

@@ -24,7 +24,7 @@ class Standing:
     Attributes:
         policy: name of the policy.
         rank: rank from 1; None for a policy that lacks a value in some cell where another has one, as its mean is over
-            other cells than the others'.
+            other cells than the others', and for an upper bound, which does not compete.
         mean: mean over conditions, with its interval over seeds or drawn places.
         undisturbed: mean over seeds and scenarios in the mildest conditions; NaN if the grid has none.
         worst: mean over seeds in the policy's worst condition.
@@ -51,7 +51,7 @@ def standings(table: ResultTable, metric: str) -> tuple[Standing, ...]:
     rates = table.values(BYTES) if BYTES in table.metrics else np.full(values.shape, math.nan)
     less = less_is_better(metric)
     entries = [_standing(table, k, values[k], rates[k], less) for k in range(len(table.policies))]
-    whole = np.flatnonzero(table.whole(metric)).tolist()
+    whole = [k for k in np.flatnonzero(table.whole(metric)).tolist() if table.policies[k] not in table.bounds]
     order = sorted(whole, key=lambda k: entries[k].mean.mean * (1 if less else -1))
     means = [entries[k].mean.mean for k in order]
     ranked = [replace(entries[k], rank=1 + means.index(entries[k].mean.mean)) for k in order]
@@ -93,7 +93,8 @@ class BestComparison:
 
     Attributes:
         interval: mean with its interval over seeds, or over drawn places; NaN without values.
-        complete: the policy has a value with every seed in every condition; others are not compared.
+        complete: the policy has a value with every seed in every condition; others are not compared, nor are upper
+            bounds.
         best: no complete policy has a better mean.
         p_corrected: p-value of the paired difference to the best policy, corrected for the number of complete policies
             and for the choice of the best among them; NaN for the best policy itself, and where nothing is compared.
@@ -119,13 +120,14 @@ def compare_with_best(table: ResultTable, metric: str, conditions: Sequence[int]
     which policies are as good as the best.
     """
     values, complete = table.values(metric)[:, list(conditions)], table.whole(metric, conditions)
+    competes = complete & ~np.isin(table.policies, list(table.bounds))
     by_sample = table.samples.average(known_mean(values, axis=1))
     intervals = [mean_interval(row) for row in by_sample]
-    if not complete.any():
-        return tuple(BestComparison(interval) for interval in intervals)
+    if not competes.any():
+        return tuple(BestComparison(*each) for each in zip(intervals, complete.tolist(), strict=True))
     sign = -1.0 if less_is_better(metric) else 1.0
-    goods = [sign * interval.mean if whole else -math.inf for interval, whole in zip(intervals, complete, strict=True)]
-    best, compared = int(np.argmax(goods)), np.flatnonzero(complete)
+    goods = [sign * interval.mean if whole else -math.inf for interval, whole in zip(intervals, competes, strict=True)]
+    best, compared = int(np.argmax(goods)), np.flatnonzero(competes)
     known = by_sample[compared][:, ~np.isnan(by_sample[best])]
     p_values = np.full(len(values), math.nan)
     p_values[compared] = largest_difference_p_values(sign * known, int(np.searchsorted(compared, best)))
@@ -182,6 +184,7 @@ def worst_windows(table: ResultTable, count: int, window_frames: int = WINDOW_FR
     """
     rewards, runs = _rewards(table)
     length = min(window_frames, rewards.shape[3])
+    rewards[[policy in table.bounds for policy in table.policies]] = np.nan
     means = rewards.mean(axis=3)
     best = np.where(np.isnan(means), -np.inf, means).argmax(axis=0)
     leading = np.take_along_axis(rewards, best[None, :, :, None], axis=0)

@@ -164,6 +164,7 @@ _SCHEMA = pa.schema(
         ("place_seed", pa.int64()),
         ("counts", pa.map_(pa.string(), pa.int64())),
         ("method", pa.string()),
+        ("bound", pa.bool_()),
         ("decided_by", pa.string()),
         ("checksum", pa.string()),
     ]
@@ -186,6 +187,7 @@ def encode(result: CellResult, decided_by: str) -> bytes:
         "place_seed": result.place_seed,
         "counts": dict(result.counts),
         "method": result.method,
+        "bound": result.bound,
         "decided_by": decided_by,
     }
     schema = _SCHEMA if "penetration" in row else _SCHEMA.remove(_SCHEMA.get_field_index("penetration"))
@@ -213,9 +215,10 @@ def decode(content: bytes) -> tuple[CellResult, str]:
             np.array(row["rewards"], np.float64),
             row["messages"],
             row["traceback"],
-            row.get("place_seed"),  # older files lack it, and the next two
+            row.get("place_seed"),  # older files lack it, and the next three
             row.get("counts", {}),
             row.get("method", ""),
+            bound=row.get("bound", False),
         )
         return replace(result, arithmetic=_arithmetic(row)), str(row["decided_by"])
     except StoreError:

@@ -190,7 +190,7 @@ def test_the_papers_preset_has_every_policy_that_has_weights_and_changes_one_thi
     pytest.importorskip("torch")
     grid = find_grid("paper").grid()
     named = {PolicySpec.parse(policy).policy_class() for policy in grid.policies}
-    known = {coopsim.POLICIES.get(name) for name in coopsim.POLICIES.names()}
+    known = {coopsim.POLICIES.get(name) for name in coopsim.POLICIES.names() if name != "truth"}  # no competitor
     without = {coopsim.POLICIES.get(name) for name in grid.left_out}
     assert named == known - without and len(named) + 1 == len(grid.policies)  # late_fusion is there in two ways
     conditions = list(grid.conditions())
@@ -222,7 +222,7 @@ def test_all_are_the_others_that_have_weights(monkeypatch: pytest.MonkeyPatch) -
     assert (grid.policies[0], grid.policies[-1]) == ("ab3dmot(hits=2)", "late_fusion(delayed=replay)")
     rest = grid.policies[1:-1]
     assert grid.left_out["untrained"] == "no weights of 'untrained' ship yet"
-    assert {*rest, *grid.left_out} == {*coopsim.POLICIES.names()} - {"no_fusion", "late_fusion"}
+    assert {*rest, *grid.left_out} == {*coopsim.POLICIES.names()} - {"no_fusion", "late_fusion", "truth"}
     assert not {*rest} & {*grid.left_out} and Grid(TWO).left_out == {}
     with pytest.raises(WeightsNotShippedError, match="untrained"):  # who names one is told
         check(Grid(("untrained",)))
