@@ -58,7 +58,8 @@ class World:
         self.static: tuple[StaticPart, ...] = scenario.static
         self.map: RoadMap = layout.road_map
         self._driven = control != "traffic"
-        self._traffic = Traffic(layout, population, self.models, seed, control=control, engine=traffic)
+        script = scenario.script
+        self._traffic = Traffic(layout, population, self.models, seed, control=control, engine=traffic, script=script)
         ways = dict.fromkeys(MANNERS, layout.footways)
         if layout.cycleways is not None:
             ways |= dict.fromkeys((ObjectClass.BICYCLE, ObjectClass.SCOOTER), layout.cycleways)
@@ -67,7 +68,6 @@ class World:
         for label in MANNERS:
             others = join_bodies(self._people)
             self._people.append(People(ways[label], population.people[label], label, self.models, seed, taken, others))
-        script = scenario.script
         self._scripted = ScriptedPeople(() if script is None else script.people, self.models, seed)
         groups: list[People | ScriptedPeople] = [*self._people, self._scripted]
         self._groups = {PERSON_ID * k: people for k, people in enumerate(groups, start=1) if len(people)}  # by first id

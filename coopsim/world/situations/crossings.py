@@ -21,7 +21,8 @@ from coopsim.world.situations.situation import EGO, SITUATIONS, Range, Situation
 
 _OCCLUDERS = (ObjectClass.VAN, ObjectClass.TRUCK)
 _HIDDEN_S = 3.0  # before the conflict, while a building must hide the two from each other
-_LATER_S, _EARLIER_S = (2.5, 3.5), (-4.0, -3.0)
+_LATER_S = (2.5, 3.5)
+_GONE_S = (-1.6, -1.0)  # relative to the start: cars that have just left the junction
 _AFTER_M = 30.0
 
 
@@ -97,7 +98,7 @@ def _traffic(
     cars = [passing("behind", ways[0], CONFLICT_S + draw(rng, HEADWAY_S), own)]
     cars.append(passing("behind the runner", across, CONFLICT_S + late_s + draw(rng, HEADWAY_S), other))
     for name, way, speed in (("oncoming", oncoming, own), ("facing the runner", facing, other)):
-        cars.append(passing(f"{name}, gone", way, CONFLICT_S + draw(rng, _EARLIER_S), speed))
+        cars.append(passing(f"{name}, gone", way, draw(rng, _GONE_S), speed))
         cars.append(passing(f"{name}, to come", way, CONFLICT_S + draw(rng, _LATER_S), speed))
     return cars
 

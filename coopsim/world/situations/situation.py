@@ -23,7 +23,7 @@ from coopsim.world.population import Population
 from coopsim.world.scenario import EpisodeScenarios, Place, Scenario, make_scenario
 from coopsim.world.situations.script import Script, VehicleRole, WalkRole
 from coopsim.world.towns.options import PlaceSeeds, TownOptions
-from coopsim.world.towns.scenarios import TOWN
+from coopsim.world.towns.scenarios import TOWN, scenario_names
 from coopsim.world.towns.town import draw_place
 
 Range = tuple[float, float]
@@ -68,7 +68,8 @@ class Situation(EpisodeScenarios):
     A subclass has further fields for what it draws, says its `named` place, and stages itself in a layout.
 
     Attributes:
-        place: "named", the built-in place; "town", a drawn one for each seed; or a custom place.
+        place: "named", the situation's own built-in place; the name of another scenario, whose place it is; "town", a
+            drawn one for each seed; or a custom place.
         penetration: share of the other moving cars that are connected, in [0, 1]; halves are rounded up.
         rsus: number of roadside units, 0 or 1. Each seed draws it from the three nearest masts.
         detail: one of `coopsim.world.scenario.DETAILS`; None: the usual one of the place.
@@ -90,7 +91,7 @@ class Situation(EpisodeScenarios):
 
     def __post_init__(self) -> None:
         if not isinstance(self.place, Place):
-            require_choice("place", self.place, (NAMED, TOWN))
+            require_choice("place", self.place, (NAMED, *scenario_names()))
         require_probability(penetration=self.penetration)
         require_count(0, 1, rsus=self.rsus)
         if self.place_seed is not None and self.place != TOWN:
