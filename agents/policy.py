@@ -32,8 +32,8 @@ from coopsim.support.checks import require_choice, require_flag
 from coopsim.support.methods import is_newer
 from coopsim.support.rng import stream
 from coopsim.types import AgentSpec, GroundTruth, Message, Observation, Tracks
-from coopsim.types.messages import IDLE
-from coopsim.wire.actions import pack_tracks
+from coopsim.types.driving import Command
+from coopsim.wire.actions import idle, pack_tracks
 from coopsim.wire.observation_format import ObservationFormat
 
 T = TypeVar("T")
@@ -155,12 +155,13 @@ class Policy(ABC):
                 self.rejected[agent, message.sender] += 1
         return readable
 
-    def drive(self, agent: str, observation: Observation) -> int:
-        """Choose how `agent` drives: an index into `MANEUVERS`.
+    def drive(self, agent: str, observation: Observation) -> Command:
+        """Choose how `agent` drives: an index into `MANEUVERS`, or an acceleration in m/s², see `AgentSpec.command`.
 
-        Called only under `control="policy"`, for each agent that drives, after the tracks of all agents.
+        Called only under `control="policy"` and "acceleration", for each agent that drives, after the tracks of all
+        agents. By default the car keeps its lane and speed.
         """
-        return IDLE
+        return idle(self.specs[agent].command)
 
     def reset(self, agent_specs: Mapping[str, AgentSpec], seed: int = 0) -> None:
         """Begin an episode with these agents, and forget the last one.
@@ -241,8 +242,9 @@ class Policy(ABC):
             got = type(tracks).__name__
             raise InvalidActionError(f"{type(self).__name__}.track must return Tracks, got {got} for {agent}")
         action: dict[str, Any] = {"tracks": pack_tracks(tracks)}
-        if self.specs[agent].drives:
-            action["maneuver"] = self.drive(agent, observation)
+        command = self.specs[agent].command
+        if command is not None:
+            action[command] = self.drive(agent, observation)
         return action
 
 

@@ -73,6 +73,10 @@ class IsolatedPolicyError(CoopsimError, RuntimeError):
     """A policy in a process of its own raised an error, took too long, answered nonsense, or its process died."""
 
 
+class PlannerError(CoopsimError, RuntimeError):
+    """A planner raised an error, took too long, or returned something other than a finite acceleration."""
+
+
 class EpisodeStateError(CoopsimError, RuntimeError):
     """A call at the wrong moment, as `step` before `reset` or after the end."""
 

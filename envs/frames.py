@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
 from coopsim.sensors.visibility import PixelVisibility, Visibility
-from coopsim.types import AgentSpec, CameraImage, GroundTruth, Ints, Observation, stack_xyz_yaw
+from coopsim.types import AgentSpec, CameraImage, GroundTruth, Ints, Observation, Tracks, stack_xyz_yaw
+from coopsim.types.driving import CarState, Command
 from coopsim.types.sensing import TRUTH_MODES
 from coopsim.wire.observation_format import ObservationFormat, pack_image
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
@@ -28,6 +29,7 @@ class AgentFrame:
         truth: all objects but the agent itself, in its base frame; `truth.counts` are those of its score.
         instances: per sweep, the id of the actor behind each point; for training only.
         segmentation: per camera, the image in the modes that are truth; for training only.
+        car: the car's own motion and its way ahead, where a planner or accelerations drive it; else None.
     """
 
     observation: Observation
@@ -35,6 +37,7 @@ class AgentFrame:
     truth: GroundTruth
     instances: Mapping[str, Ints] = field(default_factory=dict)
     segmentation: Mapping[str, CameraImage] = field(default_factory=dict)
+    car: CarState | None = None
 
 
 class FrameProbe:
@@ -63,6 +66,7 @@ class Frame:
         actors: everything that is there, in the world frame (for pictures and `state()`).
         last: there is no frame after this one.
         probe: measurements that are made when asked for.
+        crashed: it is the last one because a driven car has crashed.
     """
 
     time_ns: int
@@ -70,6 +74,7 @@ class Frame:
     actors: Actors
     last: bool = False
     probe: FrameProbe = field(default_factory=FrameProbe)
+    crashed: bool = False
 
 
 class FrameSource(ABC):
@@ -103,8 +108,16 @@ class FrameSource(ABC):
         """
 
     @abstractmethod
-    def advance(self, maneuvers: Mapping[str, int]) -> Frame:
-        """Return the next frame; `maneuvers` are the discrete meta-actions of the agents that drive."""
+    def advance(self, commands: Mapping[str, Command], tracks: Mapping[str, Tracks]) -> Frame:
+        """Return the next frame.
+
+        Args:
+            commands: commands of the agents whose action drives, by name.
+            tracks: tracks that each agent reported for the frame that is over, in its base frame; planners get them.
+
+        Raises:
+            PlannerError: a planner failed; see `coopsim.planning.planner`.
+        """
 
     @property
     def sequences(self) -> tuple[str, ...]:
@@ -115,6 +128,11 @@ class FrameSource(ABC):
     def episode_infos(self) -> Mapping[str, Any]:
         """Facts of the running episode that `reset` puts, besides its seed, in every agent's infos."""
         return {}
+
+    @property
+    def conflicts(self) -> tuple[int, ...]:
+        """Ids of the actors that the running episode's situation sets on a collision course with the ego."""
+        return ()
 
     @property
     def reset_options(self) -> tuple[str, ...]:

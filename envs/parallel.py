@@ -31,10 +31,9 @@ from coopsim.metrics.score import Score, summarize
 from coopsim.metrics.track_log import TrackLog
 from coopsim.support.checks import require_choice, require_instance
 from coopsim.support.rng import require_seed
-from coopsim.types import NS_PER_S, AgentSpec, CameraImage
-from coopsim.types.messages import IDLE
+from coopsim.types import NS_PER_S, AgentSpec, CameraImage, Tracks
 from coopsim.viz.bev import BevFrame
-from coopsim.wire.actions import action_space, unpack_actions
+from coopsim.wire.actions import action_space, idle, unpack_actions
 from coopsim.world.snapshot import RoadMap
 
 Packed = dict[str, Any]
@@ -61,11 +60,11 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     | pose_covariance | (3, 3), in the inbox (M, 3, 3) | only where some agent states one; zeros for none |
     | sensed | 0 or 1 | only with `sense_every` > 1: whether sensors and detector ran in this frame |
 
-    Action (dict, per agent): `tracks` (id, box, velocity, score, label) in the agent's base frame, and
-    `maneuver` (see `MANEUVERS`) for a car that the action drives. `coopsim.Policy` packs and unpacks these.
+    Action (dict, per agent): `tracks` (id, box, velocity, score, label) in the agent's base frame, and for a car that
+    the action drives `maneuver` (see `MANEUVERS`) or `acceleration_m_s2`. `coopsim.Policy` packs and unpacks these.
 
-    The reward is `MotaReward` unless another is given. An episode is truncated at its last frame; crashes do
-    not end it.
+    The reward is `MotaReward` unless another is given. An episode is truncated at its last frame. With
+    `ends_on_crash` it terminates, for all agents, when a driven car crashes; otherwise crashes do not end it.
     """
 
     def __init__(self, source: FrameSource, options: CommonOptions, reward: Reward | None = None) -> None:
@@ -89,7 +88,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             "render_fps": max(1, round(1 / dt_s)),
         }
         self._observation_spaces = {name: source.format.space(name) for name in source.specs}
-        self._action_spaces = {name: action_space(drives=spec.drives) for name, spec in self.agent_specs.items()}
+        self._action_spaces = {name: action_space(spec.command) for name, spec in self.agent_specs.items()}
         self.state_space = spaces.Box(-np.inf, np.inf, (source.capacity, 11), np.float64)
         self._frame: Frame | None = None
         self._halfway = False  # a call began to change things and did not come to its end
@@ -202,16 +201,17 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         Raises:
             EpisodeStateError: before `reset`, after the episode's end, or after an error in the middle of a step (of a
                 detector or a reward, say), which leaves no whole frame to go on from.
+            PlannerError: a planner raised, took too long, or returned no number; call `reset` to go on.
             InvalidActionError: names the agent and what is wrong. The environment is as it was before.
         """
         frame = self._running()
-        drivers = [name for name, spec in self.agent_specs.items() if spec.drives]
-        tracks, maneuvers = unpack_actions(self.agents, actions, drivers)
+        driving = {name: spec.command for name, spec in self.agent_specs.items() if spec.command is not None}
+        tracks, commands = unpack_actions(self.agents, actions, driving)
         self._halfway = True
         counts = self._scorer.update(frame.agents, tracks)
         frame = self._frame = replace(frame, probe=FrameProbe())  # frees the scene that is over
         self._view.update(frame, tracks)
-        self._frame = frame = self._source.advance(maneuvers)
+        self._frame = frame = self._source.advance(commands, tracks)
         observations = self._observe(frame)
         reported = self.agents
         self.agents = [] if frame.last else list(frame.agents)
@@ -219,15 +219,16 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         truth = self._truths(frame)
         infos = {name: {"counts": counts[name].as_dict(), **truth.get(name, {})} for name in reported}
         self._show_if_human()
-        over = dict.fromkeys(reported, frame.last)
+        crashed = dict.fromkeys(reported, frame.crashed)
+        truncated = dict.fromkeys(reported, frame.last and not frame.crashed)
         self._halfway = False
-        return observations, rewards, dict.fromkeys(reported, False), over, infos
+        return observations, rewards, crashed, truncated, infos
 
     def frames(self, seed: int) -> Iterator[Frame]:
         """Yield the frames of an episode as its sensors make them, without exchange and scores: for export.
 
-        They hold the truth, so this needs `expose_ground_truth`. Cars that the action would drive keep their lane. The
-        episode that was running is over.
+        They hold the truth, so this needs `expose_ground_truth`. Cars that the action would drive keep their lane, and
+        planners get no tracks. The episode that was running is over.
 
         Raises:
             InvalidValueError: the truth is not exposed, or the seed has a wrong type or value.
@@ -236,11 +237,11 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             raise InvalidValueError("frames hold the truth: they need expose_ground_truth=True")
         require_seed(seed)
         self._frame, self.agents, self._halfway = None, [], False
-        idle = {name: IDLE for name, spec in self.agent_specs.items() if spec.drives}
+        idling = {name: idle(spec.command) for name, spec in self.agent_specs.items() if spec.drives}
         frame = self._source.start(seed, {})
         yield frame
         while not frame.last:
-            frame = self._source.advance(idle)
+            frame = self._source.advance(idling, {name: Tracks.empty() for name in frame.agents})
             yield frame
 
     def score(self) -> Score:

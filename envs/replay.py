@@ -27,9 +27,11 @@ from coopsim.types import (
     Observation,
     Odometry,
     PoseEstimate,
+    Tracks,
     seconds_to_ns,
     stack_xyz_yaw,
 )
+from coopsim.types.driving import Command
 from coopsim.wire.observation_format import ObservationFormat
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
 
@@ -129,7 +131,7 @@ class Replay(FrameSource):
         self._world_SE3_base = SE3.identity()
         return self._frame()
 
-    def advance(self, maneuvers: Mapping[str, int]) -> Frame:
+    def advance(self, commands: Mapping[str, Command], tracks: Mapping[str, Tracks]) -> Frame:
         self._cycle += 1
         self._world_SE3_base = self._world_SE3_base.compose(self._moved[self._cycle])
         return self._frame()

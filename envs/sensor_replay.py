@@ -23,7 +23,8 @@ from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.camera.camera import rig_camera_names
 from coopsim.support.checks import require_choice, require_count, require_frame_time
-from coopsim.types import AgentSpec, CameraImage, LidarMounting, Sweep, seconds_to_ns
+from coopsim.types import AgentSpec, CameraImage, LidarMounting, Sweep, Tracks, seconds_to_ns
+from coopsim.types.driving import Command
 from coopsim.types.messages import AGENT_KINDS
 from coopsim.world.snapshot import RoadMap
 
@@ -146,7 +147,7 @@ class SensorReplay(FrameSource):
         self._cycle = 0
         return self._frame()
 
-    def advance(self, maneuvers: Mapping[str, int]) -> Frame:
+    def advance(self, commands: Mapping[str, Command], tracks: Mapping[str, Tracks]) -> Frame:
         self._cycle += 1
         return self._frame()
 

@@ -19,8 +19,7 @@ from coopsim.errors import CoopsimError, EpisodeStateError, InvalidValueError
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import derived_seed, require_seed
 from coopsim.types import Tracks
-from coopsim.types.messages import IDLE, MANEUVERS
-from coopsim.wire.actions import act_of, pack_tracks
+from coopsim.wire.actions import act_of, idle, pack_tracks
 
 Packed = dict[str, Any]
 
@@ -30,7 +29,8 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
 
     Observation, reward and info are the ego's own in `CooperativeEnv`; sweeps and cameras are left out of the
     observation where there are none. The action is the ego's, too, a dict with `tracks` and, for
-    a car that its action drives, `maneuver`; with a `tracker` it is the maneuver alone, `Discrete(5)`.
+    a car that its action drives, its command; with a `tracker` it is the command alone: the maneuver, `Discrete(5)`, or
+    under `control="acceleration"` the acceleration in m/s², `Box(-8, 3, (1,))`.
 
     Where the options `uplink` and `cameras` are not given, the policies decide them. Every agent broadcasts what its
     policy makes; one without a policy that reads messages broadcasts the same kind of content.
@@ -49,7 +49,8 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         others: the other agents' policy: a name or spec ("late_fusion(merge_iou=0.2)"), a `Policy`, a mapping of agents
             to either, or None. Agents without a policy report nothing. Agents with equal specs share one policy. A
             `Policy` is copied, so that two environments never share its state.
-        tracker: a policy that reports the ego's tracks, so that the learner only drives; needs `control="policy"`.
+        tracker: a policy that reports the ego's tracks, so that the learner only drives; needs `control="policy"` or
+            "acceleration".
         **options: options of the environment, see `coopsim.parallel_env`.
 
     Raises:
@@ -80,10 +81,11 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
             self.ego = _chosen_ego(self.parallel, ego)
             self.policies = _assigned(roles, self.parallel.possible_agents, self.ego)
             specs = self.parallel.agent_specs
-            if tracker is not None and not specs[self.ego].drives:
+            self._command = specs[self.ego].command
+            if tracker is not None and self._command is None:
                 raise InvalidValueError(
                     f"tracker leaves only driving to the ego, and {self.ego} does not drive: leave out tracker, or "
-                    'make a simulation with control="policy" and a car as ego'
+                    'make a simulation with control="policy" or "acceleration" and a car as ego'
                 )
         except CoopsimError:
             self.parallel.close()
@@ -94,12 +96,13 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
             "expose_ground_truth"
         )
         self._groups = _groups(self.policies)
-        self._silent = {name: _silence(drives=spec.drives) for name, spec in specs.items() if name not in self.policies}
+        self._silent = {name: _silence(spec.command) for name, spec in specs.items() if name not in self.policies}
         self._tracked = tracker is not None
         self.metadata = type(self).metadata | {"render_fps": self.parallel.metadata["render_fps"]}
         self.render_mode = self.parallel.render_mode
         self.observation_space = _without_empty(self.parallel.observation_space(self.ego))
-        self.action_space = spaces.Discrete(len(MANEUVERS)) if self._tracked else self.parallel.action_space(self.ego)
+        whole = self.parallel.action_space(self.ego)
+        self.action_space = whole if tracker is None or self._command is None else whole[self._command]
         self._observations: dict[str, Packed] = {}
         self._infos: dict[str, dict[str, Any]] = {}
         self._policies_actions: dict[str, Packed] | None = None
@@ -193,7 +196,7 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         if isinstance(action, np.ndarray) and action.shape == ():  # gymnasium counts these as elements of Discrete
             action = action[()]
         assert self._policies_actions is not None
-        return self._policies_actions[self.ego] | {"maneuver": action}
+        return self._policies_actions[self.ego] | {self._command: action}
 
 
 def _chosen_ego(env: CooperativeEnv, ego: object) -> str:
@@ -222,10 +225,10 @@ def _groups(policies: Mapping[str, Policy]) -> list[tuple[Policy, list[str]]]:
     return list(served.values())
 
 
-def _silence(*, drives: bool) -> Packed:
+def _silence(command: str | None) -> Packed:
     """Return the action that reports nothing and changes nothing."""
     nothing: Packed = {"tracks": pack_tracks(Tracks.empty())}
-    return nothing | {"maneuver": IDLE} if drives else nothing
+    return nothing if command is None else nothing | {command: idle(command)}
 
 
 def _without_empty(space: spaces.Dict) -> spaces.Dict:

@@ -86,7 +86,7 @@ def write_results(
         _ResultFile(Path(folder) / TRACKING, env) as tracking,
         _ResultFile(Path(folder) / DETECTION, env) as detection,
     ):
-        if any(spec.drives for spec in env.agent_specs.values()):
+        if given.get("control", "traffic") != "traffic":
             raise InvalidValueError("control must be 'traffic': cars that a policy drives go elsewhere than exported")
         every = writer.key_every(next(iter(env.agent_specs.values())).dt_s)
         for seed in plan.seeds:
@@ -96,7 +96,7 @@ def write_results(
                 actions = act_of(runner, observations, infos)
                 if index % every == 0:
                     # Not `env.agents`: in the last frame of an episode nobody is left to act.
-                    tracks, _ = unpack_actions(list(observations), actions, [])
+                    tracks, _ = unpack_actions(list(observations), actions, {})
                     for agent in filter(writer.exports, observations):
                         sample = sample_token(scene_name(plan.episode_name(seed), agent), index)
                         x_to_yaw = infos[agent]["true_pose"]

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from coopsim.config.spec import instantiate, parse_spec
+from coopsim.errors import InvalidValueError
 from coopsim.support.registry import Registry
 from coopsim.types import Tracks
 from coopsim.types.driving import Route
@@ -53,12 +55,20 @@ PLANNERS: Registry[type[Planner]] = Registry("planner", home="coopsim.planning.i
 """Planner classes. Installed packages add theirs through the entry-point group `coopsim.planners`."""
 
 
-def make_planner(spec: str) -> Planner:
-    """Make a planner by its name, also with parameters, such as "idm_aeb(headway_s=2)".
+PlannerOption = str | Callable[[], Planner]
+"""Planner by name, also with parameters, such as "idm_aeb(headway_s=2)", or a class or function that makes one."""
+
+
+def make_planner(planner: PlannerOption) -> Planner:
+    """Make a planner; each car has its own in each episode.
 
     Raises:
         UnknownNameError: there is no such planner, or no such parameter.
         InvalidValueError: a parameter's value is not accepted.
     """
-    name, parameters = parse_spec("planner", spec)
+    if not isinstance(planner, str):
+        if not callable(planner):
+            raise InvalidValueError(f"planner must be a name, a spec or a class of planners, got {planner!r}")
+        return planner()
+    name, parameters = parse_spec("planner", planner)
     return instantiate("planner", name, PLANNERS.get(name), parameters)

@@ -124,7 +124,7 @@ def _play(
             with untouched(asked, f"{name} must leave its observations as they are"):
                 actions = _act(policy, name, asked, infos)
             assert actions.keys() == asked.keys(), f"{name} must act for {sorted(asked)}, got {sorted(actions)}"
-            episode.append(_reports(name, actions, {agent: env.agent_specs[agent].drives for agent in asked}))
+            episode.append(_reports(name, actions, {agent: env.agent_specs[agent].command for agent in asked}))
             observations, _, _, _, infos = env.step(actions)
     finally:
         env.close()
@@ -138,9 +138,9 @@ def _act(policy: Policy, name: str, observations: Mapping[str, Any], infos: Mapp
         raise AssertionError(f"{name} must report tracks, got {type(error).__name__}: {error}") from error
 
 
-def _reports(name: str, actions: Mapping[str, Any], drives: Mapping[str, bool]) -> dict[str, Tracks]:
+def _reports(name: str, actions: Mapping[str, Any], commands: Mapping[str, str | None]) -> dict[str, Tracks]:
     try:
-        return {agent: unpack_action(agent, action, drives=drives[agent])[0] for agent, action in actions.items()}
+        return {agent: unpack_action(agent, action, commands[agent])[0] for agent, action in actions.items()}
     except CoopsimError as error:
         raise AssertionError(f"{name} must report valid tracks: {error}") from error
 

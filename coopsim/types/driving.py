@@ -11,13 +11,16 @@ from coopsim.support.arrays import frozen
 from coopsim.types.units import Ints
 
 Command = int | float
-"""What an agent tells its car: a maneuver, or an acceleration in m/s²."""
+"""Command of an agent to its car: a maneuver, or an acceleration in m/s²."""
+
+MANEUVER, ACCELERATION = "maneuver", "acceleration_m_s2"
+"""Parts of an action by which an agent drives; see `AgentSpec.command`."""
 
 GIVES_WAY, NOBODY_FIRST, HAS_PRIORITY = -1, 0, 1
 """Right of way on a piece of a route: others go first; whoever comes first goes first; the car itself goes first."""
 
 LARGEST_BRAKING_M_S2, LARGEST_ACCELERATION_M_S2 = 8.0, 3.0
-"""Bounds of what a planner can ask for: full braking of a passenger car on a dry road, and brisk acceleration."""
+"""Bounds of commanded accelerations: full braking of a passenger car on a dry road, and brisk acceleration."""
 
 JERK_M_S3 = 40.0
 """Fastest change of a car's acceleration: hydraulic brakes reach full braking 0.2 s after it is asked for."""

@@ -116,7 +116,8 @@ class AgentSpec:
         kind: "cav" (drives), "rsu" (stands) or "drone" (flies; its base frame is on the ground under it).
         dt_s: time between two observations.
         uplink: the content that the agent broadcasts ("none", "detections", "tracks", "points", "features", "queries").
-        drives: the action must say how to drive (`control="policy"`, connected cars only).
+        command: part of the action by which the agent drives: "maneuver" under `control="policy"`, "acceleration_m_s2"
+            under `control="acceleration"`; None: the action does not drive it.
         is_object: others see the agent over the origin of its base frame, but it is not its own object. False for a
             roadside unit, and for a recording, which lacks the positions of its agents.
         frame_owner: the agent whose base frame all agents' boxes are in, as in a recording; None: each agent's boxes
@@ -134,7 +135,7 @@ class AgentSpec:
     kind: Literal["cav", "rsu", "drone"]
     dt_s: float
     uplink: str = "none"
-    drives: bool = False
+    command: Literal["maneuver", "acceleration_m_s2"] | None = None
     is_object: bool = True
     frame_owner: str | None = None
     cameras: Mapping[str, CameraCalibration] = field(default_factory=dict, compare=False)
@@ -142,6 +143,11 @@ class AgentSpec:
     lidars: Mapping[str, LidarMounting] = field(default_factory=dict, compare=False)
     sense_every: int = 1
     calibration: str | None = None
+
+    @property
+    def drives(self) -> bool:
+        """Flag of an agent whose action must say how to drive."""
+        return self.command is not None
 
 
 MANEUVERS = ("lane_left", "idle", "lane_right", "faster", "slower")

@@ -1,8 +1,8 @@
-"""The format of actions: their gymnasium space, and tracks and maneuvers to dicts of arrays and back."""
+"""The format of actions: their gymnasium space, and tracks and commands to dicts of arrays and back."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from coopsim.errors import CoopsimError, InvalidActionError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.support.arrays import as_numbers
 from coopsim.types import Tracks
+from coopsim.types.driving import ACCELERATION, LARGEST_ACCELERATION_M_S2, LARGEST_BRAKING_M_S2, MANEUVER, Command
 from coopsim.types.messages import IDLE, MANEUVERS
 from coopsim.types.taxonomy import CLASS_NAMES
 from coopsim.wire.columns import COUNTER, box_space, real_space, rows_space
@@ -32,8 +33,8 @@ MOST_TRACKS = 10_000
 """Tracks that an agent may report in a frame; a score looks at each together with every object."""
 
 
-def action_space(*, drives: bool) -> spaces.Dict:
-    """Return a space of one agent's actions: the tracks that it reports and, if it drives, a maneuver."""
+def action_space(command: str | None = None) -> spaces.Dict:
+    """Return a space of one agent's actions: the tracks that it reports and, if it drives, its `AgentSpec.command`."""
     tracks = rows_space(
         id=spaces.Discrete(COUNTER),
         box=box_space(),
@@ -42,9 +43,21 @@ def action_space(*, drives: bool) -> spaces.Dict:
         label=spaces.Discrete(len(CLASS_NAMES)),
     )
     parts: dict[str, spaces.Space[Any]] = {"tracks": tracks}
-    if drives:
-        parts["maneuver"] = spaces.Discrete(len(MANEUVERS))
+    if command is not None:
+        parts[command] = command_space(command)
     return spaces.Dict(parts)
+
+
+def command_space(command: str) -> spaces.Discrete | spaces.Box:
+    """Return the space of a command: `Discrete` for maneuvers, a (1,) `Box` in m/s² for accelerations."""
+    if command == MANEUVER:
+        return spaces.Discrete(len(MANEUVERS))
+    return spaces.Box(-LARGEST_BRAKING_M_S2, LARGEST_ACCELERATION_M_S2, (1,), np.float32)
+
+
+def idle(command: str | None) -> Command:
+    """Return the command that changes nothing: the lane and the speed stay."""
+    return 0.0 if command == ACCELERATION else IDLE
 
 
 def pack_tracks(tracks: Tracks) -> dict[str, Any]:
@@ -58,13 +71,13 @@ def pack_tracks(tracks: Tracks) -> dict[str, Any]:
     }
 
 
-def unpack_action(agent: str, action: object, *, drives: bool) -> tuple[Tracks, int]:
-    """Return the tracks and the maneuver in one agent's action, checked and copied.
+def unpack_action(agent: str, action: object, command: str | None = None) -> tuple[Tracks, Command | None]:
+    """Return the tracks and the command in one agent's action, checked and copied; None for agents that do not drive.
 
     Raises:
         InvalidActionError: names the agent, what is wrong, and what is accepted.
     """
-    wanted = {"tracks", "maneuver"} if drives else {"tracks"}
+    wanted = {"tracks"} if command is None else {"tracks", command}
     if not isinstance(action, Mapping) or set(action) != wanted:
         got = sorted(map(str, action)) if isinstance(action, Mapping) else repr(action)
         raise InvalidActionError(f"{agent}: an action is a dict with {sorted(wanted)}, got {got}")
@@ -73,19 +86,41 @@ def unpack_action(agent: str, action: object, *, drives: bool) -> tuple[Tracks, 
         tracks.validate()
     except CoopsimError as error:
         raise InvalidActionError(f"{agent}: {error}") from error
-    maneuver = action["maneuver"] if drives else IDLE
-    whole = isinstance(maneuver, (int, np.integer)) and not isinstance(maneuver, bool)
-    if not (whole and 0 <= maneuver < len(MANEUVERS)):
+    if command is None:
+        return tracks, None
+    return tracks, _maneuver(agent, action[command]) if command == MANEUVER else _acceleration(agent, action[command])
+
+
+def _maneuver(agent: str, given: Any) -> int:
+    whole = isinstance(given, (int, np.integer)) and not isinstance(given, bool)
+    if not (whole and 0 <= given < len(MANEUVERS)):
         names = ", ".join(f"{number} {name}" for number, name in enumerate(MANEUVERS))
-        raise InvalidActionError(f"{agent}: maneuver must be one of {names}; got {maneuver!r}")
-    return tracks, int(maneuver)
+        raise InvalidActionError(f"{agent}: maneuver must be one of {names}; got {given!r}")
+    return int(given)
+
+
+def _acceleration(agent: str, given: Any) -> float:
+    try:
+        number = as_numbers(given, np.float64, ACCELERATION)
+    except CoopsimError as error:
+        raise InvalidActionError(f"{agent}: {error}") from error
+    # A bound in float32 may be a little more than the same bound here.
+    low, high = np.float32(-LARGEST_BRAKING_M_S2), np.float32(LARGEST_ACCELERATION_M_S2)
+    if not (number.size == 1 and low <= number.item() <= high):
+        accepted = f"one number in [{low:g}, {high:g}]"
+        raise InvalidActionError(f"{agent}: {ACCELERATION} must be {accepted}, got {given!r}")
+    return float(number.item())
 
 
 def unpack_actions(
-    agents: Sequence[str], actions: object, drivers: Collection[str]
-) -> tuple[dict[str, Tracks], dict[str, int]]:
-    """Return the tracks and the maneuvers in the actions of all agents, checked and copied; those of `drivers` have
-    maneuvers.
+    agents: Sequence[str], actions: object, commands: Mapping[str, str]
+) -> tuple[dict[str, Tracks], dict[str, Command]]:
+    """Return the tracks and the commands in the actions of all agents, checked and copied.
+
+    Args:
+        agents: names of the agents that must act.
+        actions: actions by agent.
+        commands: `AgentSpec.command` of the agents that drive, by name.
 
     Raises:
         InvalidActionError: an agent is unknown or missing, or its action is malformed.
@@ -98,12 +133,12 @@ def unpack_actions(
         wrong += [f"missing: {sorted(missing)}"] * bool(missing)
         raise InvalidActionError(f"actions need exactly the agents {list(agents)}; {', '.join(wrong)}")
     tracks: dict[str, Tracks] = {}
-    maneuvers: dict[str, int] = {}
+    given: dict[str, Command] = {}
     for name in agents:
-        tracks[name], maneuver = unpack_action(name, actions[name], drives=name in drivers)
-        if name in drivers:
-            maneuvers[name] = maneuver
-    return tracks, maneuvers
+        tracks[name], command = unpack_action(name, actions[name], commands.get(name))
+        if command is not None:
+            given[name] = command
+    return tracks, given
 
 
 def _unpack_tracks(packed: object) -> Tracks:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, SE3Batch, wrap_angle
+from coopsim.support.checks import require_choice
 from coopsim.support.rng import uniform_numbers
 from coopsim.types import Ints
 from coopsim.types.driving import CarState, Command
@@ -41,12 +42,21 @@ class World:
     Args:
         scenario: place and population.
         seed: decides everything that happens.
-        control: "traffic" drives connected cars, or they obey the maneuvers ("policy") or the accelerations
-            ("acceleration") that are given to `step`.
+        control: driver of connected cars: "traffic", or the commands that are given to `step`: maneuvers ("policy") or
+            accelerations ("acceleration" or "planner").
         traffic: engine of the vehicles, one of `coopsim.world.traffic.traffic.ENGINES`.
+        driven: names of the connected cars that `control` is about; None: all.
     """
 
-    def __init__(self, scenario: Scenario, seed: int, *, control: str = "traffic", traffic: str = "arrays") -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        seed: int,
+        *,
+        control: str = "traffic",
+        traffic: str = "arrays",
+        driven: Sequence[str] | None = None,
+    ) -> None:
         layout, population = scenario.layout, scenario.population
         self._seed, self._drawn_key = seed, b"none yet"
         self._drawn: tuple[Colors, Colors, Floats]
@@ -59,7 +69,19 @@ class World:
         self.map: RoadMap = layout.road_map
         self._driven = control != "traffic"
         script = scenario.script
-        self._traffic = Traffic(layout, population, self.models, seed, control=control, engine=traffic, script=script)
+        count = population.connected if script is None else 1 + sum(role.connected for role in script.vehicles)
+        for name in driven or ():
+            require_choice("connected car in driven_agents", name, [f"cav_{number}" for number in range(count)])
+        self._traffic = Traffic(
+            layout,
+            population,
+            self.models,
+            seed,
+            control=control,
+            engine=traffic,
+            script=script,
+            driven=None if driven is None else tuple(map(_number, driven)),
+        )
         ways = dict.fromkeys(MANNERS, layout.footways)
         if layout.cycleways is not None:
             ways |= dict.fromkeys((ObjectClass.BICYCLE, ObjectClass.SCOOTER), layout.cycleways)
@@ -85,7 +107,7 @@ class World:
         the whole step, a maneuver is carried out in its first part.
         """
         obeyed = (commands or {}) if self._driven else {}
-        by_number = {int(name.removeprefix("cav_")): obeyed[name] for name in obeyed}
+        by_number = {_number(name): command for name, command in obeyed.items()}
         self._time_s += dt_s
         parts = max(1, math.ceil(dt_s / LONGEST_STEP_S - 1e-9))
         for part in range(parts):
@@ -156,7 +178,7 @@ class World:
 
     def car_ahead(self, name: str) -> CarState:
         """Return the motion of a connected car and the way ahead of it, as its driver knows them."""
-        number = int(name.removeprefix("cav_"))
+        number = _number(name)
         row = self.fleet.rows[self._traffic.connected[number]]
         speed, acceleration, length, width = (float(row[key]) for key in ("speed", "acceleration", "length", "width"))
         return CarState(speed, acceleration, length, width, bool(row["crashed"]), self._traffic.way_ahead(number))
@@ -165,3 +187,8 @@ class World:
         """Return the ids of crashed vehicles, which stay where they are, as obstacles."""
         rows = self.fleet.rows
         return tuple(rows["id"][rows["crashed"]].tolist())
+
+
+def _number(name: str) -> int:
+    """Return the number of a connected car."""
+    return int(name.removeprefix("cav_"))

@@ -19,17 +19,21 @@ from coopsim.envs.simulated.lidar_sensing import (
     LidarSensing,
 )
 from coopsim.envs.simulated.perception import Perception, observation_format
+from coopsim.envs.simulated.planned_driving import PlannedDriving
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.scene import RayScene, SceneGeometry
 from coopsim.sensors.visibility import PixelVisibility, Visibility, measure_pixels
 from coopsim.support.arrays import look_up
-from coopsim.types import AgentSpec, CameraImage, Ints, Sweep, seconds_to_ns
+from coopsim.types import AgentSpec, CameraImage, Ints, Sweep, Tracks, seconds_to_ns
+from coopsim.types.driving import ACCELERATION, MANEUVER, CarState, Command
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import PlayedWorld, RecordedWorld
 from coopsim.world.scenario import EpisodeScenarios
 from coopsim.world.snapshot import Actors, AgentBody, WorldSource
 from coopsim.world.world import World
+
+_COMMANDS: dict[str, Any] = {"policy": MANEUVER, "acceleration": ACCELERATION}
 
 
 class Simulation(FrameSource):
@@ -51,6 +55,7 @@ class Simulation(FrameSource):
         bodies = world.agents()
         self._equipment = Equipment(options, bodies.values())
         self._equipment.require_free_mounts(world)
+        self._driven = self._driven_among(bodies)
         self.specs = self._specify(bodies)
         self.road_map = world.map
         most = len(world.actors()) if scenarios.most_actors is None else scenarios.most_actors
@@ -62,18 +67,20 @@ class Simulation(FrameSource):
     def start(self, seed: int, options: Mapping[str, Any]) -> Frame:
         """Begin an episode; see `FrameSource.start`."""
         before, self._scenario = self._scenario, self._scenarios.of(seed)
-        world = self._make_world(seed)
+        made = world = self._make_world(seed)
         if self._scenario is not before:  # masts of another height
             self._equipment.require_free_masts(world.agents().values())
         if self._options.record is not None:
             world = RecordedWorld(world, self._options.record, self._scenario, seed, self._options.dt_s)
         self.specs, self.road_map = self._specify(world.agents()), world.map
         self._episode = SimulatedEpisode(self._options, self._equipment, world, self.specs, seed)
+        if isinstance(made, World) and self._driven:
+            self._episode.let_drive(made, self._driven)
         return self._episode.frame()
 
-    def advance(self, maneuvers: Mapping[str, int]) -> Frame:
+    def advance(self, commands: Mapping[str, Command], tracks: Mapping[str, Tracks]) -> Frame:
         """Return the next frame; see `FrameSource.advance`."""
-        return self._episode.advance(maneuvers)
+        return self._episode.advance(commands, tracks)
 
     @property
     def episode_infos(self) -> dict[str, Any]:
@@ -88,7 +95,15 @@ class Simulation(FrameSource):
     def _make_world(self, seed: int) -> WorldSource:
         if self._recording is not None:
             return PlayedWorld(self._recording, self._scenario)
-        return World(self._scenario, seed, control=self._options.control, traffic=self._options.traffic)
+        control, traffic, driven = self._options.control, self._options.traffic, self._options.driven_agents
+        return World(self._scenario, seed, control=control, traffic=traffic, driven=driven)
+
+    def _driven_among(self, bodies: Mapping[str, AgentBody]) -> tuple[str, ...]:
+        """Return the names of the connected cars that the option `control` is about."""
+        if self._options.control == "traffic":
+            return ()
+        cars = tuple(name for name, body in bodies.items() if body.kind == "cav")
+        return cars if self._options.driven_agents is None else tuple(self._options.driven_agents)
 
     def _specify(self, bodies: Mapping[str, AgentBody]) -> dict[str, AgentSpec]:
         return {
@@ -96,7 +111,7 @@ class Simulation(FrameSource):
                 name,
                 body.kind,
                 self._options.dt_s,
-                drives=self._options.control == "policy" and body.kind == "cav",
+                command=_COMMANDS.get(self._options.control) if name in self._driven else None,
                 is_object=body.actor_id is not None,
                 cameras=self._equipment.calibrations(body),
                 lidars=self._equipment.mountings(body),
@@ -124,10 +139,22 @@ class SimulatedEpisode:
         self._perception = Perception(options, specs, seed)
         self._cycle = 0
         self._last_sensed: tuple[Ints, Ints]  # ids (N,) of all actors, returns (N, A) from each to each agent
+        self._cars: World | None = None
+        self._driven: tuple[str, ...] = ()
+        self._planning: PlannedDriving | None = None
+        self._frame: Frame
 
-    def advance(self, maneuvers: Mapping[str, int]) -> Frame:
-        """Step the world and return the next frame; `maneuvers` are those of the agents that drive."""
-        self._world.step(self._options.dt_s, maneuvers)
+    def let_drive(self, world: World, driven: tuple[str, ...]) -> None:
+        """Let the action or a planner drive some connected cars of a world, by name."""
+        self._cars, self._driven = world, driven
+        if self._options.control == "planner":
+            self._planning = PlannedDriving(self._options.planner, {name: self._specs[name] for name in driven})
+
+    def advance(self, commands: Mapping[str, Command], tracks: Mapping[str, Tracks]) -> Frame:
+        """Step the world and return the next frame; see `FrameSource.advance`."""
+        if self._planning is not None:
+            commands = self._planning.commands(self._frame, tracks)
+        self._world.step(self._options.dt_s, commands)
         self._cycle += 1
         return self.frame()
 
@@ -150,8 +177,28 @@ class SimulatedEpisode:
             images = {name: self._equipment.blank_images(name) for name in bodies}
         returns = self._returns(actors)
         frames = self._perception.frames(time_ns, bodies, actors, returns, sweeps, images, sensed=sensed)
-        agents = {name: replace(frame, segmentation=images.get(name, {})) for name, frame in frames.items()}
-        return Frame(time_ns, agents, actors, self._cycle >= self._options.max_cycles, probe)
+        cars = self._car_states()
+        agents = {
+            name: replace(frame, segmentation=images.get(name, {}), car=cars.get(name))
+            for name, frame in frames.items()
+        }
+        crashed = self._options.ends_on_crash and self._any_crashed(bodies)
+        last = crashed or self._cycle >= self._options.max_cycles
+        self._frame = Frame(time_ns, agents, actors, last, probe, crashed)
+        return self._frame
+
+    def _car_states(self) -> dict[str, CarState]:
+        """Return the states of driven cars, except under `control="policy"`, which highway-env has, too."""
+        if self._cars is None or self._options.control == "policy":
+            return {}
+        return {name: self._cars.car_ahead(name) for name in self._driven}
+
+    def _any_crashed(self, bodies: Mapping[str, AgentBody]) -> bool:
+        """Return whether a driven car has crashed."""
+        if self._cars is None:
+            return False
+        crashed = self._cars.crashed()
+        return any(bodies[name].actor_id in crashed for name in self._driven)
 
     def _lidar_sensing(self, specs: Mapping[str, AgentSpec], seed: int) -> LidarSensing:
         options, carriers = self._options, self._equipment.lidar_carriers

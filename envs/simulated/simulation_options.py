@@ -11,8 +11,10 @@ from typing import Any, Literal
 from coopsim.config.load import has_parameters, load
 from coopsim.detection.presets import DEFAULT_DETECTOR
 from coopsim.envs.options import PerceptionOptions
+from coopsim.envs.simulated.planned_driving import require_planner
 from coopsim.errors import InvalidValueError
 from coopsim.localization.localizer import LocalizationConfig
+from coopsim.planning.planner import PlannerOption
 from coopsim.sensors import FARTHEST_M
 from coopsim.sensors.camera.camera import RigOption, check_rig
 from coopsim.sensors.camera.daylight import Daylight, Illumination, as_daylight
@@ -25,6 +27,7 @@ from coopsim.support.checks import (
     require_between,
     require_choice,
     require_count,
+    require_flag,
     require_frame_time,
     require_number,
 )
@@ -35,6 +38,9 @@ from coopsim.world.scenario import DETAILS
 
 OneLidar = str | BeamPattern | LidarConfig
 LidarOption = OneLidar | Mapping[str, OneLidar | Mapping[str, Any]] | Mapping[str, Any] | None
+
+CONTROLS = ("traffic", "policy", "acceleration", "planner")
+"""Drivers of connected cars."""
 
 LIDAR = "lidar"
 """Name of the only LiDAR."""
@@ -184,7 +190,12 @@ class SimulationOptions(PerceptionOptions):
             `DEFAULT_DETECTOR`.
         embedder: an `Embedder`, or the name of one, that gives every detection an appearance; None: the detector's own.
         traffic: "arrays" (fast), or "highway-env" (the same models, stepped by highway-env's own objects).
-        control: "traffic" (the traffic model drives) or "policy" (the action's `maneuver` drives).
+        control: driver of connected cars: "traffic" (the traffic model), "policy" (the action's `maneuver`),
+            "acceleration" (the action's `acceleration_m_s2`) or "planner" (the option `planner`, by reported tracks).
+        planner: a planner by name, also with parameters, such as "idm_aeb(headway_s=2)", or a class of them.
+        driven_agents: names of the connected cars that `control` is about; the traffic model drives the others. None:
+            all of them.
+        ends_on_crash: the episode terminates when one of these cars crashes.
         ground_truth: the objects that count: "visible" (hit by some agent's LiDAR) or "all".
         region_x_m: objects within this distance ahead of and behind the agent count.
         region_y_m: objects within this distance to its left and right count.
@@ -211,7 +222,10 @@ class SimulationOptions(PerceptionOptions):
     odometry_noise_m: float = LocalizationConfig().odometry_noise_m
     odometry_heading_noise_rad: float = LocalizationConfig().odometry_heading_noise_rad
     traffic: Literal["arrays", "highway-env"] = "arrays"
-    control: Literal["traffic", "policy"] = "traffic"
+    control: Literal["traffic", "policy", "acceleration", "planner"] = "traffic"
+    planner: PlannerOption = "idm_aeb"
+    driven_agents: Sequence[str] | None = None
+    ends_on_crash: bool = False
     ground_truth: Literal["visible", "all"] = "visible"
     record: str | Path | None = None
     playback: str | Path | None = None
@@ -220,7 +234,7 @@ class SimulationOptions(PerceptionOptions):
         if self.detail is not None:
             require_choice("detail", self.detail, DETAILS)
         require_choice("traffic", self.traffic, ("arrays", "highway-env"))
-        require_choice("control", self.control, ("traffic", "policy"))
+        self._check_control()
         self.check_scored()
         require_choice("renderer", self.renderer, RENDERERS)
         require_frame_time(self.dt_s)
@@ -239,6 +253,25 @@ class SimulationOptions(PerceptionOptions):
         self.illumination  # noqa: B018  (its own checks run now)
         self.check_perception(DEFAULT_DETECTOR, lidar=bool(lidars), cameras=bool(self.cameras))
 
+    def _check_control(self) -> None:
+        require_choice("control", self.control, CONTROLS)
+        require_flag(ends_on_crash=self.ends_on_crash)
+        if self.traffic == "highway-env" and self.control in ("acceleration", "planner"):
+            raise InvalidValueError(f'control="{self.control}" needs traffic="arrays", got traffic="highway-env"')
+        if self.control == "planner":
+            require_planner(self.planner)
+        driven = self.driven_agents
+        if driven is not None:
+            listed = isinstance(driven, Sequence) and not isinstance(driven, str) and len(driven)
+            if not (listed and all(isinstance(name, str) for name in driven)):
+                accepted = "names of connected cars, or None for all"
+                raise InvalidValueError(f"driven_agents must be {accepted}, got {driven!r}")
+            object.__setattr__(self, "driven_agents", tuple(driven))
+        if self.control == "traffic" and (driven is not None or self.ends_on_crash):
+            name = "ends_on_crash" if driven is None else "driven_agents"
+            others = ", ".join(CONTROLS[1:])
+            raise InvalidValueError(f"{name} needs cars that agents drive: accepted with control = {others}")
+
     def _check_files(self) -> None:
         for name in ("record", "playback"):
             path = getattr(self, name)
@@ -248,9 +281,9 @@ class SimulationOptions(PerceptionOptions):
             require_writable(Path(self.record))
         if self.record is not None and self.playback is not None:
             raise InvalidValueError("record and playback exclude each other: a played episode is recorded already")
-        if self.playback is not None and self.control == "policy":
+        if self.playback is not None and self.control != "traffic":
             raise InvalidValueError(
-                'control="policy" cannot be played back: a recording\'s cars have driven already; '
+                f'control="{self.control}" cannot be played back: a recording\'s cars have driven already; '
                 'accepted: control="traffic"'
             )
 

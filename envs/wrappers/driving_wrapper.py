@@ -1,4 +1,4 @@
-"""Driving: agents choose maneuvers alone, and a policy reports their tracks."""
+"""Driving: agents choose their commands alone, and a policy reports their tracks."""
 
 from __future__ import annotations
 
@@ -17,17 +17,19 @@ from coopsim.envs.roles import Roles
 from coopsim.envs.wrappers.base_wrappers import ByAgent, Stepped, cooperative_env
 from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError
 from coopsim.support.rng import derived_seed
-from coopsim.types.messages import MANEUVERS
+from coopsim.wire.actions import command_space
 
 
 class Driving(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pettingzoo is untyped
-    """The parallel environment for learners that drive: an action is one of `MANEUVERS`, `Discrete(5)`.
+    """The parallel environment for learners that drive: an action is a command alone.
+
+    It is one of `MANEUVERS`, `Discrete(5)`, or under `control="acceleration"` in m/s², `Box(-8, 3, (1,))`.
 
     A policy reports the tracks of all agents. Those that do not drive (roadside units, drones) are left to it, and are
     not among the agents of this environment. A single-agent environment has `tracker=` for the same.
 
     Args:
-        env: made with `control="policy"`; its observations and actions are coopsim's own.
+        env: made with `control="policy"` or "acceleration"; its observations and actions are coopsim's own.
         tracker: the policy, by name or spec ("late_fusion(merge_iou=0.2)") or itself, of which a copy is made. What it
             needs of the environment, as another uplink than "detections", the environment was made with.
 
@@ -47,9 +49,14 @@ class Driving(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pett
             raise InvalidValueError("tracker must be a policy or its name, got None")
         self.tracker = made
         self.tracker.require(self._cooperative.agent_specs)
-        drivers = [name for name, spec in self._cooperative.agent_specs.items() if spec.drives]
+        self._commands = {
+            name: spec.command for name, spec in self._cooperative.agent_specs.items() if spec.command is not None
+        }
+        drivers = list(self._commands)
         if not drivers:
-            raise InvalidValueError('env must have agents that drive: make a simulation with control="policy"')
+            raise InvalidValueError(
+                'env must have agents that drive: make a simulation with control="policy" or "acceleration"'
+            )
         for kind in ("action", "observation"):
             if not all(
                 getattr(env, f"{kind}_space")(name) is getattr(self._cooperative, f"{kind}_space")(name)
@@ -58,12 +65,14 @@ class Driving(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pett
                 raise InvalidValueError(f"env must have coopsim's own {kind}s, which no wrapper changed")
         self.possible_agents = drivers
         self.agents: list[str] = []
-        self._spaces = {name: spaces.Discrete(len(MANEUVERS)) for name in drivers}
+        self._spaces: dict[str, spaces.Space[Any]] = {
+            name: command_space(each) for name, each in self._commands.items()
+        }
         self._observations: ByAgent = {}
         self._actions: ByAgent | None = None
 
-    def action_space(self, agent: str) -> spaces.Discrete:
-        """Return the space of an agent's maneuvers; always the same object.
+    def action_space(self, agent: str) -> spaces.Space[Any]:
+        """Return the space of an agent's commands; always the same object.
 
         Raises:
             UnknownNameError: there is no such agent; the message lists those that there are.
@@ -81,7 +90,7 @@ class Driving(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pett
         return self._of_drivers(observations), self._of_drivers(infos)
 
     def step(self, actions: Mapping[str, Any]) -> Stepped:
-        """Go to the next frame with one maneuver for every agent in `agents`.
+        """Go to the next frame with one command for every agent in `agents`.
 
         Raises:
             EpisodeStateError: there is no running episode.
@@ -93,8 +102,8 @@ class Driving(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pett
         if self._actions is None:  # a rejected action must not make the tracker see a frame twice
             self._actions = self.tracker.act(self._observations)
         taken = dict(self._actions)
-        for name, maneuver in chosen.items():
-            taken[name] = taken[name] | {"maneuver": maneuver}
+        for name, command in chosen.items():
+            taken[name] = taken[name] | {self._commands[name]: command}
         observations, *rest = self.env.step(taken)
         self._observed(observations)
         return (self._of_drivers(observations), *(self._of_drivers(each) for each in rest))  # type: ignore[return-value]
@@ -111,10 +120,10 @@ class Driving(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pett
     def _checked(self, actions: object) -> ByAgent:
         if not isinstance(actions, Mapping) or set(actions) != set(self.agents):
             got = sorted(map(str, actions)) if isinstance(actions, Mapping) else repr(actions)
-            raise InvalidActionError(f"actions are a dict with one maneuver for each of {self.agents}, got {got}")
-        return {name: _number(maneuver) for name, maneuver in actions.items()}
+            raise InvalidActionError(f"actions are a dict with one command for each of {self.agents}, got {got}")
+        return {name: _number(command) for name, command in actions.items()}
 
 
-def _number(maneuver: Any) -> Any:
+def _number(command: Any) -> Any:
     """Return the number in an array of no dimension, as some learners give it; the environment checks the rest."""
-    return maneuver[()] if isinstance(maneuver, np.ndarray) and maneuver.ndim == 0 else maneuver
+    return command[()] if isinstance(command, np.ndarray) and command.ndim == 0 else command

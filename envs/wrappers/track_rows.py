@@ -1,8 +1,9 @@
 """FixedTracks: the action as numbers in [-1, 1], for learners that track.
 
 The action is one (N,) float32 array: `tracks` rows of 20 columns, end to end, and then, for a car that its action
-drives, a number for each of `MANEUVERS`, of which the largest is chosen. A row's number is its track's id: to say that
-an object is the same as before, report it in the same row.
+drives, a number for each of `MANEUVERS`, of which the largest is chosen, or one for the acceleration: from full braking
+at -1 over the same speed at 0 to full acceleration at 1. A row's number is its track's id: to say that an object is the
+same as before, report it in the same row.
 
 | column | from -1 to 1 stands for |
 |---|---|
@@ -32,6 +33,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import as_numbers, require_finite
 from coopsim.support.checks import require_count, require_positive
 from coopsim.types import Tracks
+from coopsim.types.driving import ACCELERATION, LARGEST_ACCELERATION_M_S2, LARGEST_BRAKING_M_S2, MANEUVER
 from coopsim.types.messages import MANEUVERS
 from coopsim.types.taxonomy import CLASS_NAMES
 from coopsim.wire.actions import pack_tracks
@@ -42,6 +44,9 @@ LEAST_SIZE_M, MOST_SIZE_M = 0.1, np.array([20.0, 4.0, 5.0])
 HIGHEST_M, FASTEST_M_S = 10.0, 40.0
 
 _CLASSES = TRACK_COLUMNS.index("score") + 1
+
+_LENGTHS = {None: 0, MANEUVER: len(MANEUVERS), ACCELERATION: 1}
+_NAMES = {len(MANEUVERS): "maneuver", 1: "acceleration"}
 
 
 @dataclass(kw_only=True, eq=False)
@@ -65,17 +70,21 @@ class TrackRows(ActionForm):
             raise InvalidValueError(
                 f"env must have coopsim's own actions, which no wrapper changed, got {kind_of(inner)}"
             )
-        count = self.tracks * len(TRACK_COLUMNS) + len(MANEUVERS) * ("maneuver" in inner.spaces)
+        count = self.tracks * len(TRACK_COLUMNS) + _LENGTHS[_command(inner)]
         return spaces.Box(-1.0, 1.0, (count,), np.float32)
 
     def act(self, agent: str, action: Any, space: AnySpace) -> dict[str, Any]:
-        """Return the tracks, and the maneuver if there is one; numbers beyond [-1, 1] are taken as the bound."""
+        """Return the tracks, and the command if there is one; numbers beyond [-1, 1] are taken as the bound."""
         length = self.tracks * len(TRACK_COLUMNS)
         numbers = self._checked(agent, action, space)
         rows = numbers[:length].reshape(self.tracks, len(TRACK_COLUMNS))
         taken: dict[str, Any] = {"tracks": pack_tracks(self._as_tracks(rows))}
-        if len(numbers) > length:
-            taken["maneuver"] = int(np.argmax(numbers[length:]))
+        rest = numbers[length:]
+        if len(rest) == _LENGTHS[MANEUVER]:
+            taken[MANEUVER] = int(np.argmax(rest))
+        elif len(rest):
+            most = LARGEST_ACCELERATION_M_S2 if rest[0] > 0 else LARGEST_BRAKING_M_S2
+            taken[ACCELERATION] = float(most * rest[0])
         return taken
 
     def _as_tracks(self, rows: Floats) -> Tracks:
@@ -96,8 +105,16 @@ class TrackRows(ActionForm):
         except CoopsimError as error:
             raise InvalidActionError(f"{agent}: {error}") from error
         if numbers.shape != space.shape:
-            drives = space.shape != (self.tracks * len(TRACK_COLUMNS),)
-            parts = f"{self.tracks} rows of {len(TRACK_COLUMNS)}" + f" and {len(MANEUVERS)} for the maneuver" * drives
+            assert space.shape is not None
+            more = space.shape[0] - self.tracks * len(TRACK_COLUMNS)
+            parts = f"{self.tracks} rows of {len(TRACK_COLUMNS)}" + f" and {more} for the {_NAMES.get(more)}" * (
+                more > 0
+            )
             raise InvalidActionError(f"{agent}: action must have shape {space.shape}, {parts}, got {numbers.shape}")
         clipped: NDArray[np.float64] = np.clip(numbers, -1.0, 1.0)
         return clipped
+
+
+def _command(actions: spaces.Dict) -> str | None:
+    """Return the name of the part of actions that drives; None: there is none."""
+    return next((name for name in (MANEUVER, ACCELERATION) if name in actions.spaces), None)

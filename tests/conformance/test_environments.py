@@ -44,7 +44,7 @@ def play(env: Any, seed: int, policy: str = "late_fusion") -> list[Any]:
 
 
 @pytest.mark.parametrize("name", SIMULATED)
-@pytest.mark.parametrize("control", ["traffic", "policy"])
+@pytest.mark.parametrize("control", ["traffic", "policy", "acceleration", "planner"])
 # Random tracks are rarely plausible; what they must not do is crash the scoring.
 @pytest.mark.filterwarnings("ignore:reset option 'options' is ignored")
 def test_parallel_api(make_small: Make, name: str, control: str) -> None:

@@ -278,7 +278,7 @@ def test_a_refused_maneuver_changes_nothing(make_small: Make) -> None:
     env.reset(seed=0)
     other.reset(seed=0)
     for wrong, says in (
-        ({}, "one maneuver for each"),
+        ({}, "one command for each"),
         (7, "got 7"),
         (dict.fromkeys(env.agents, 9), "maneuver must be"),
     ):

@@ -53,7 +53,7 @@ _MANNERS |= {UNYIELDING: _MANNERS[TOWN], PARKED: _MANNERS[TOWN]}
 _SCRIPTED = {"unyielding": UNYIELDING, "steady": CHAUFFEURED, "leaves lane": CHAUFFEURED, "parked": PARKED}
 """Drivers by a role's manner. One whom nobody tells anything, as an agent might, keeps its speed."""
 
-_DRIVERS = {"policy": CHAUFFEURED, "acceleration": PEDALLED}
+_DRIVERS = {"policy": CHAUFFEURED, "acceleration": PEDALLED, "planner": PEDALLED}
 
 
 class Engine(Protocol):
@@ -214,8 +214,9 @@ class Traffic:
     """All vehicles of one episode.
 
     `control` is "traffic", which drives connected cars, or they obey the maneuvers ("policy") or the accelerations
-    ("acceleration") of agents; `engine` is one of `ENGINES`. With a `script`, its vehicles take the place of drawn ones
-    on the roads: the ego in row 0, then the others in their order.
+    ("acceleration" or "planner") of agents; `engine` is one of `ENGINES`. Control is about the connected cars with the
+    numbers in `driven`; None: all. With a `script`, its vehicles take the place of drawn ones on the roads: the ego in
+    row 0, then the others in their order.
 
     Attributes:
         fleet: the vehicles, moving ones first, then parked ones.
@@ -232,6 +233,7 @@ class Traffic:
         control: str = "traffic",
         engine: str = "arrays",
         script: Script | None = None,
+        driven: Sequence[int] | None = None,
     ) -> None:
         require_choice("traffic", engine, ENGINES)
         self._layout, self._models = layout, models
@@ -252,8 +254,10 @@ class Traffic:
         slots, labels = self._spawner.choose_starts(population)
         cars = self._cars(slots, labels)
         self.connected = tuple(cars[: population.connected])
+        commanded = self.connected if driven is None else [self.connected[number] for number in driven]
         # Not only the connected cars, unless a policy drives them: another connected car must not change the traffic.
-        company = list(self.connected) if control != "traffic" else cars[: max(_COMPANY, len(self.connected))]
+        all_commanded = control != "traffic" and driven is None
+        company = list(self.connected) if all_commanded else cars[: max(_COMPANY, len(self.connected))]
         if not self.connected or layout.cruise_m_s is None:
             company = []
         self._cruise_m_s = layout.cruise_m_s or 0.0
@@ -262,7 +266,7 @@ class Traffic:
         self.fleet = Fleet(np.zeros(count, VEHICLE), np.zeros((count, roads_ahead, 2), np.int64))
         usual_driver = TOWN if layout.window_m is None else HIGHWAY
         for k, (slot, label) in enumerate(zip(slots, labels, strict=True)):
-            driver = _DRIVERS.get(control, usual_driver) if k in self.connected else usual_driver
+            driver = _DRIVERS.get(control, usual_driver) if k in commanded else usual_driver
             if driver == HIGHWAY and k in company and layout.convoy_gap_s is not None:
                 driver = TOWN  # which changes no lane
             speed = layout.cruise_m_s if k in company else None

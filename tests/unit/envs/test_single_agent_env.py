@@ -278,8 +278,8 @@ def test_an_ego_that_leaves_is_truncated_with_its_last_observation(monkeypatch: 
     env.reset(seed=0)
     advance = env.parallel._source.advance
 
-    def without_ego(maneuvers: Any) -> Any:
-        frame = advance(maneuvers)
+    def without_ego(*given: Any) -> Any:
+        frame = advance(*given)
         return replace(frame, agents={name: each for name, each in frame.agents.items() if name != "cav_0"})
 
     before, *_ = env.step(NOTHING)

@@ -20,7 +20,7 @@ def row(**columns: float) -> list[float]:
 
 def test_rows_become_tracks() -> None:
     form = TrackRows(tracks=3, reach_m=50.0)
-    space = form.space(action_space(drives=False))
+    space = form.space(action_space())
     assert space.shape == (3 * len(TRACK_COLUMNS),)
     numbers = [row(present=-1), row(), row(present=0.1, x=0.5, y=-1, z=0.1, l=1, w=0, h=-1, yaw=0.5, vx=0.25, van=1)]
     tracks = form.act("cav_0", np.array(numbers, np.float32).reshape(-1), space)["tracks"]
@@ -32,7 +32,7 @@ def test_rows_become_tracks() -> None:
 
 def test_a_driver_chooses_its_largest_number() -> None:
     form = TrackRows(tracks=1)
-    inner = action_space(drives=True)
+    inner = action_space("maneuver")
     space = form.space(inner)
     assert space.shape == (len(TRACK_COLUMNS) + 5,)
     action = form.act("cav_0", [*row(present=1), 0, 0, 0.3, 0.1, 0], space)
@@ -41,7 +41,7 @@ def test_a_driver_chooses_its_largest_number() -> None:
 
 
 def test_every_sample_is_an_action() -> None:
-    form, inner = TrackRows(tracks=8), action_space(drives=True)
+    form, inner = TrackRows(tracks=8), action_space("maneuver")
     space = form.space(inner)
     space.seed(0)
     for _ in range(20):
@@ -50,7 +50,7 @@ def test_every_sample_is_an_action() -> None:
 
 def test_numbers_beyond_the_bound_are_the_bound() -> None:
     form = TrackRows(tracks=1)
-    space = form.space(action_space(drives=False))
+    space = form.space(action_space())
     beyond, bound = (form.act("cav_0", row(present=1, x=far, l=-far, score=far), space)["tracks"] for far in (7, 1))
     np.testing.assert_array_equal(beyond["box"], bound["box"])
     assert beyond["box"][0, 3] > 0
@@ -70,13 +70,13 @@ def test_numbers_beyond_the_bound_are_the_bound() -> None:
 def test_wrong_actions_are_refused(wrong: Any, says: str) -> None:
     form = TrackRows(tracks=1)
     with pytest.raises(InvalidActionError, match=says):
-        form.act("cav_0", wrong, form.space(action_space(drives=False)))
+        form.act("cav_0", wrong, form.space(action_space()))
 
 
 def test_a_driver_without_a_maneuver_is_told_the_length() -> None:
     form = TrackRows(tracks=2)
     with pytest.raises(InvalidActionError, match=r"shape \(45,\), 2 rows of 20 and 5 for the maneuver, got \(40,\)"):
-        form.act("cav_0", np.zeros(40), form.space(action_space(drives=True)))
+        form.act("cav_0", np.zeros(40), form.space(action_space("maneuver")))
 
 
 def test_wrong_settings_are_refused() -> None:

@@ -1,0 +1,89 @@
+"""Driving by planners: each driven car's acceleration, from the tracks that were reported for it."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from coopsim.envs.frames import AgentFrame, Frame
+from coopsim.errors import InvalidValueError, PlannerError
+from coopsim.planning.planner import PlannedCar, Planner, PlannerOption, make_planner
+from coopsim.types import NS_PER_S, AgentSpec, Tracks
+from coopsim.types.driving import LARGEST_ACCELERATION_M_S2, LARGEST_BRAKING_M_S2
+
+LONGEST_CALL_S = 5.0
+"""Time after which a planner's answer is refused; a step is a tenth of a second, and planners take milliseconds."""
+
+
+class PlannedDriving:
+    """The planners of an episode, one for each driven car."""
+
+    def __init__(self, planner: PlannerOption, driven: Mapping[str, AgentSpec]) -> None:
+        self._specs = driven
+        self._planners = {name: make_planner(planner) for name in driven}
+
+    def commands(self, frame: Frame, tracks: Mapping[str, Tracks]) -> dict[str, float]:
+        """Ask the planner of each driven car that has not crashed for an acceleration, m/s².
+
+        Args:
+            frame: the frame that is over.
+            tracks: tracks that the agents reported for it, in their base frames.
+
+        Raises:
+            PlannerError: a planner raised, took too long, or returned no finite number.
+        """
+        return {
+            name: self._ask(name, frame.time_ns, agent, tracks[name])
+            for name, agent in frame.agents.items()
+            if name in self._planners and agent.car is not None and not agent.car.crashed
+        }
+
+    def _ask(self, name: str, time_ns: int, agent: AgentFrame, tracks: Tracks) -> float:
+        state = agent.car
+        assert state is not None
+        car = PlannedCar(
+            name,
+            time_ns,
+            self._specs[name].dt_s,
+            tracks,
+            state.speed_m_s,
+            state.acceleration_m_s2,
+            state.length_m,
+            state.width_m,
+            state.route,
+        )
+        planner, began = self._planners[name], time.monotonic()
+        try:
+            answer: object = planner.plan(car)
+        except Exception as error:  # a user's class may raise anything
+            raise _error(planner, car, f"raised {type(error).__name__}: {error}") from error
+        taken_s = time.monotonic() - began
+        if taken_s > LONGEST_CALL_S:
+            raise _error(planner, car, f"took {taken_s:.1f} s; accepted: at most {LONGEST_CALL_S:g} s")
+        return _checked(planner, car, answer)
+
+
+def _checked(planner: Planner, car: PlannedCar, answer: Any) -> float:
+    number = isinstance(answer, (int, float, np.integer, np.floating)) and not isinstance(answer, bool)
+    if not (number and math.isfinite(answer)):
+        raise _error(planner, car, f"returned {answer!r}; accepted: a finite acceleration in m/s²")
+    return float(min(max(answer, -LARGEST_BRAKING_M_S2), LARGEST_ACCELERATION_M_S2))
+
+
+def _error(planner: Planner, car: PlannedCar, what: str) -> PlannerError:
+    return PlannerError(f"planner {type(planner).__name__} of {car.name} at {car.time_ns / NS_PER_S:.2f} s {what}")
+
+
+def require_planner(planner: PlannerOption) -> None:
+    """Make a planner once, so that a wrong option is refused before an episode begins.
+
+    Raises:
+        CoopsimError: the planner is unknown or is no planner.
+    """
+    made: object = make_planner(planner)
+    if not isinstance(made, Planner):
+        raise InvalidValueError(f"planner must make a coopsim.planning.planner.Planner, got {made!r}")
