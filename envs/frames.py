@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
@@ -30,6 +31,7 @@ class AgentFrame:
         instances: per sweep, the id of the actor behind each point; for training only.
         segmentation: per camera, the image in the modes that are truth; for training only.
         car: the car's own motion and its way ahead, where a planner or accelerations drive it; else None.
+        command_m_s2: acceleration that was asked for in the step to this frame; NaN: none was.
     """
 
     observation: Observation
@@ -38,6 +40,7 @@ class AgentFrame:
     instances: Mapping[str, Ints] = field(default_factory=dict)
     segmentation: Mapping[str, CameraImage] = field(default_factory=dict)
     car: CarState | None = None
+    command_m_s2: float = math.nan
 
 
 class FrameProbe:

@@ -25,8 +25,9 @@ from coopsim.comms.channel.channel import ChannelCounts
 from coopsim.envs.exchange import Exchange, make_uplinks
 from coopsim.envs.frames import Frame, FrameProbe, FrameSource, actor_rows, truth_infos
 from coopsim.envs.options import CommonOptions
-from coopsim.envs.scoring import MotaReward, Reward, ScoredView, Scorer
+from coopsim.envs.scoring import DriveRecorder, MotaReward, Reward, ScoredView, Scorer
 from coopsim.errors import EpisodeStateError, InvalidValueError, RecordingError, UnknownNameError
+from coopsim.metrics.drive_log import DriveLog
 from coopsim.metrics.score import Score, summarize
 from coopsim.metrics.track_log import TrackLog
 from coopsim.support.checks import require_choice, require_instance
@@ -175,6 +176,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             self._options.match_iou,
             self._source.region_m,
         )
+        self._drives = DriveRecorder(self._frame, self._source.conflicts)
         self.agents = list(self._frame.agents)
         self._view.begin(self.road_map, self._frame)
         observations = self._observe(self._frame)
@@ -211,7 +213,9 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         counts = self._scorer.update(frame.agents, tracks)
         frame = self._frame = replace(frame, probe=FrameProbe())  # frees the scene that is over
         self._view.update(frame, tracks)
+        over = frame
         self._frame = frame = self._source.advance(commands, tracks)
+        self._drives.update(over, tracks, frame)
         observations = self._observe(frame)
         reported = self.agents
         self.agents = [] if frame.last else list(frame.agents)
@@ -255,6 +259,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
                     [log],
                     false_positives=self._options.false_positives,
                     bytes_per_s=self.bytes_per_s(name),
+                    drives=[self.drives[name]] if name in self.drives else [],
                 )
                 for name, log in logs.items()
             }
@@ -265,6 +270,12 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         """Reported tracks and ground truth, by agent; scores of many episodes pool these."""
         self._current()
         return {name: evaluator.log for name, evaluator in self._scorer.evaluators.items()}
+
+    @property
+    def drives(self) -> dict[str, DriveLog]:
+        """Logs of the drives, by the agents whose cars a planner or accelerations drive."""
+        self._current()
+        return self._drives.logs
 
     @property
     def time_ns(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
@@ -9,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.envs.frames import AgentFrame, Frame, world_points
+from coopsim.metrics.drive_log import DriveFrame, DriveLog
 from coopsim.metrics.evaluator import Evaluator, FrameCounts
-from coopsim.types import Mask, Tracks
+from coopsim.types import Mask, Tracks, stack_xyz_yaw
 from coopsim.viz.bev import BevFrame, BevRenderer
 from coopsim.world.snapshot import RoadMap
 
@@ -61,6 +63,27 @@ class Scorer:
         x, y = np.abs(tracks.boxes.center[:, :2]).T
         inside: Mask = (x <= self._region_m[0]) & (y <= self._region_m[1])
         return inside
+
+
+class DriveRecorder:
+    """Logs of the drives of an episode, by driven agent; `conflicts` are ids of actors, see `FrameSource.conflicts`."""
+
+    def __init__(self, frame: Frame, conflicts: tuple[int, ...]) -> None:
+        self.logs = {name: DriveLog() for name, agent in frame.agents.items() if agent.car is not None}
+        self._conflicts = conflicts
+
+    def update(self, frame: Frame, tracks: Mapping[str, Tracks], after: Frame) -> None:
+        """Log a frame with the tracks reported for it; also the frame `after` it if that is the last."""
+        self._append(frame, tracks, {name: agent.command_m_s2 for name, agent in after.agents.items()})
+        if after.last:
+            self._append(after, {}, {})
+
+    def _append(self, frame: Frame, tracks: Mapping[str, Tracks], commands: Mapping[str, float]) -> None:
+        for name, log in self.logs.items():
+            agent, reported = frame.agents[name], tracks.get(name, Tracks.empty())
+            assert agent.car is not None
+            pose, command = stack_xyz_yaw(agent.body.world_SE3_base)[[0, 1, 3]], commands.get(name, math.nan)
+            log.append(DriveFrame(frame.time_ns, pose, agent.car, agent.truth, reported, command, self._conflicts))
 
 
 class ScoredView:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
@@ -9,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.envs.frames import Frame, FrameProbe, FrameSource
+from coopsim.envs.frames import AgentFrame, Frame, FrameProbe, FrameSource
 from coopsim.envs.simulated.equipment import Equipment
 from coopsim.envs.simulated.lidar_sensing import (
     CastSomeSweeps,
@@ -26,7 +27,7 @@ from coopsim.sensors.scene import RayScene, SceneGeometry
 from coopsim.sensors.visibility import PixelVisibility, Visibility, measure_pixels
 from coopsim.support.arrays import look_up
 from coopsim.types import AgentSpec, CameraImage, Ints, Sweep, Tracks, seconds_to_ns
-from coopsim.types.driving import ACCELERATION, MANEUVER, CarState, Command
+from coopsim.types.driving import ACCELERATION, MANEUVER, Command
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import PlayedWorld, RecordedWorld
 from coopsim.world.scenario import EpisodeScenarios
@@ -142,6 +143,7 @@ class SimulatedEpisode:
         self._cars: World | None = None
         self._driven: tuple[str, ...] = ()
         self._planning: PlannedDriving | None = None
+        self._commands: Mapping[str, Command] = {}
         self._frame: Frame
 
     def let_drive(self, world: World, driven: tuple[str, ...]) -> None:
@@ -155,6 +157,7 @@ class SimulatedEpisode:
         if self._planning is not None:
             commands = self._planning.commands(self._frame, tracks)
         self._world.step(self._options.dt_s, commands)
+        self._commands = commands
         self._cycle += 1
         return self.frame()
 
@@ -177,21 +180,21 @@ class SimulatedEpisode:
             images = {name: self._equipment.blank_images(name) for name in bodies}
         returns = self._returns(actors)
         frames = self._perception.frames(time_ns, bodies, actors, returns, sweeps, images, sensed=sensed)
-        cars = self._car_states()
-        agents = {
-            name: replace(frame, segmentation=images.get(name, {}), car=cars.get(name))
-            for name, frame in frames.items()
-        }
+        segmented = {name: replace(each, segmentation=images.get(name, {})) for name, each in frames.items()}
+        agents = segmented | self._driven_frames(segmented)
         crashed = self._options.ends_on_crash and self._any_crashed(bodies)
         last = crashed or self._cycle >= self._options.max_cycles
         self._frame = Frame(time_ns, agents, actors, last, probe, crashed)
         return self._frame
 
-    def _car_states(self) -> dict[str, CarState]:
-        """Return the states of driven cars, except under `control="policy"`, which highway-env has, too."""
+    def _driven_frames(self, frames: Mapping[str, AgentFrame]) -> dict[str, AgentFrame]:
+        """Return the frames of driven cars with their states, except under "policy", which highway-env has, too."""
         if self._cars is None or self._options.control == "policy":
             return {}
-        return {name: self._cars.car_ahead(name) for name in self._driven}
+        return {
+            name: replace(frames[name], car=self._cars.car_ahead(name), command_m_s2=self._commands.get(name, math.nan))
+            for name in self._driven
+        }
 
     def _any_crashed(self, bodies: Mapping[str, AgentBody]) -> bool:
         """Return whether a driven car has crashed."""

@@ -249,7 +249,7 @@ class Traffic:
         if script is not None:
             if engine != "arrays":
                 raise InvalidValueError(f'traffic must be "arrays" where a scenario has a script, got {engine!r}')
-            self._cast(script, population.parked, _DRIVERS.get(control))
+            self._cast(script, population.parked, _DRIVERS.get(control), driven)
             return
         slots, labels = self._spawner.choose_starts(population)
         cars = self._cars(slots, labels)
@@ -278,17 +278,18 @@ class Traffic:
         self._spawner.park(self.fleet, len(slots), population.parked)
         self._company = np.array([k for k in company if _goes_east(layout.slots[slots[k]].lane)], dtype=np.int64)
 
-    def _cast(self, script: Script, parked: int, driver: int | None) -> None:
-        """Put the vehicles of a script on the roads, connected ones with a given driver, and parked ones beside."""
+    def _cast(self, script: Script, parked: int, driver: int | None, driven: Sequence[int] | None) -> None:
+        """Put the vehicles of a script on the roads, driven ones with a given driver, and parked ones beside."""
         roles = (script.ego, *script.vehicles)
         count = len(roles) + parked
         roads_ahead = max([self._layout.roads_ahead, *(len(role.route) for role in roles)])
         self.fleet = Fleet(np.zeros(count, VEHICLE), np.zeros((count, roads_ahead, 2), np.int64))
         self.connected = tuple(k for k, role in enumerate(roles) if role.connected or k == 0)
+        commanded = self.connected if driven is None else [self.connected[number] for number in driven]
         usual_driver = TOWN if self._layout.window_m is None else HIGHWAY
         for k, role in enumerate(roles):
             scripted = _SCRIPTED.get(role.manner, usual_driver)
-            self._spawner.cast(self.fleet, k, driver if driver is not None and k in self.connected else scripted, role)
+            self._spawner.cast(self.fleet, k, driver if driver is not None and k in commanded else scripted, role)
         self._spawner.park(self.fleet, len(roles), parked)
         self._cut_out = CutOut(roles, self._network)
 
