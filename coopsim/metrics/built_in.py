@@ -13,6 +13,7 @@ import numpy as np
 
 from coopsim.metrics.average_precision import AP_THRESHOLDS
 from coopsim.metrics.clear import Clear, RecallSweep
+from coopsim.metrics.driving import DRIVING
 from coopsim.metrics.log_pool import LogPool
 from coopsim.metrics.matching import NEAR_M
 from coopsim.metrics.metric import METRICS, Metric, SweepMetric
@@ -188,6 +189,7 @@ BUILT_IN: Mapping[str, Metric] = {
         less_is_better=True,
         whole_only=True,
     ),
+    **DRIVING,
 }
 
 for _name, _metric in BUILT_IN.items():
@@ -232,3 +234,9 @@ def less_is_better(name: str) -> bool:
     """Return whether smaller values of a metric are better; False for a metric that is not registered."""
     metric = all_metrics().get(name)
     return metric is not None and metric.less_is_better
+
+
+def is_yes_no(name: str) -> bool:
+    """Return whether a metric says yes or no of each episode; False for a metric that is not registered."""
+    metric = all_metrics().get(name)
+    return metric is not None and metric.yes_no

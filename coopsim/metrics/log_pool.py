@@ -9,6 +9,7 @@ import numpy as np
 
 from coopsim.metrics.average_precision import AP_THRESHOLDS, average_precision
 from coopsim.metrics.clear import NearSweep, RecallSweep, sweep_near, sweep_recall
+from coopsim.metrics.drive_events import DriveEvents, find_events
 from coopsim.metrics.drive_log import DriveLog
 from coopsim.metrics.hota_idf1 import Hota, Identity, count_hota, count_identity
 from coopsim.metrics.matching import NumberedSequence
@@ -46,6 +47,11 @@ class LogPool:
         """Pool the logs of evaluators, and those of drives."""
         pools = [log.flat() for log in logs]
         return cls([pool.by_class() for pool in pools], pools, bytes_per_s, drives)
+
+    @cached_property
+    def drive_events(self) -> tuple[DriveEvents, ...]:
+        """Crashes, brakes and near misses of each drive."""
+        return tuple(find_events(log.drive) for log in self.drives)
 
     @cached_property
     def objects(self) -> int:

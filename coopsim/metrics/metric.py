@@ -35,6 +35,8 @@ class Metric(ABC):
         form: format of the value in tables, as `format` takes it.
         less_is_better: True if smaller values are better.
         whole_only: compute the value for a whole score only, not for its classes, superclasses and bands of distance.
+        yes_no: True if the value of one episode is 100 for yes and 0 for no, so that its mean is a rate, and statistics
+            are those of rates.
     """
 
     meaning: str = ""
@@ -42,6 +44,7 @@ class Metric(ABC):
     form: str = ".1f"
     less_is_better: bool = False
     whole_only: bool = False
+    yes_no: bool = False
 
     @property
     def definition(self) -> str:

@@ -11,9 +11,10 @@ import numpy as np
 from tabulate import tabulate
 
 from coopsim.errors import InvalidValueError, UnknownNameError
-from coopsim.metrics.built_in import all_metrics, clear_values, custom_metrics
+from coopsim.metrics.built_in import BUILT_IN, all_metrics, clear_values, custom_metrics
 from coopsim.metrics.clear import RecallSweep
 from coopsim.metrics.drive_log import DriveLog
+from coopsim.metrics.driving import DRIVING_SHOWN
 from coopsim.metrics.log_pool import LogPool
 from coopsim.metrics.metric import PRIMARY_METRIC, SweepMetric
 from coopsim.metrics.track_log import FlatLog, TrackLog
@@ -113,7 +114,8 @@ class Score:
         lines = [("all", self)]
         for part in (self.classes, pools, self.bands, self.agents):
             lines += part.items()
-        forms = dict.fromkeys(_TABLE, ".1f") | {name: metric.form for name, metric in custom_metrics().items()}
+        added = {**{name: BUILT_IN[name] for name in DRIVING_SHOWN}, **custom_metrics()}
+        forms = dict.fromkeys(_TABLE, ".1f") | {name: metric.form for name, metric in added.items()}
         forms = {name: form for name, form in forms.items() if name in self.values}
         rows = [
             [

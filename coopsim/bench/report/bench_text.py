@@ -16,10 +16,14 @@ from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import standings
 from coopsim.bench.results.statistics import Interval
 from coopsim.metrics.built_in import BYTES, all_metrics, custom_metrics
+from coopsim.metrics.driving import DRIVING_SHOWN
 from coopsim.metrics.metric import PRIMARY_METRIC
 from coopsim.metrics.score import GroupRecall, Score
 
-METRICS_SHOWN = (PRIMARY_METRIC, "AMOTA", "MOTA", "MOTP", "HOTA", "IDF1", "APBEV@0.5", "IDS", "FP", "FN")
+METRICS_SHOWN = (
+    *(PRIMARY_METRIC, "AMOTA", "MOTA", "MOTP", "HOTA", "IDF1", "APBEV@0.5", "IDS", "FP", "FN"),
+    *DRIVING_SHOWN,
+)
 """The built-in metrics that fit on a page."""
 
 
