@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from coopsim.bench.grid.cell import Axis, Condition, mildest, mildest_along, varying_axes
-from coopsim.bench.report.bench_text import BYTES_TITLE, form_of, format_value
+from coopsim.bench.report.bench_text import BYTES_TITLE, form_of, format_value, interval_beside
 from coopsim.bench.report.formats import to_csv_text
 from coopsim.bench.results.result_table import ResultTable, named
 from coopsim.bench.results.standings import BestComparison, compare_with_best, known_mean
@@ -115,7 +115,9 @@ def _legend(table: ResultTable, compared: Sequence[Sequence[BestComparison]]) ->
     samples = table.samples
     parts = [f"mean over {escape(samples.text)}"]
     if samples.count > 1:
-        parts[0] += r" $\pm$ half of the 95\,\% interval (Student's t)"
+        rates = any(not entry.interval.is_even for entries in compared for entry in entries)
+        kinds = "Student's t" + "; of rates, in brackets, Wilson's" * rates
+        parts[0] += rf" $\pm$ half of the 95\,\% interval ({kinds})"
     if any(entry.best for entries in compared for entry in entries):
         tests = "sign flips, by the largest difference of any two policies of a column"
         parts.append(f"the best in bold, and $^*$ what it does not beat significantly ($p > {LEVEL:g}$; {tests})")
@@ -144,14 +146,14 @@ def _known(value: float) -> float:
 
 def _rates(table: ResultTable, column: _Column) -> list[str]:
     values = table.values(BYTES)[:, list(column.conditions)]
-    intervals = [table.samples.interval(row) for row in known_mean(values, axis=1)]
+    intervals = [table.interval(BYTES, row) for row in known_mean(values, axis=1)]
     return [format_value(each.mean, ",.0f").replace(",", r"\,") for each in intervals]
 
 
 def _cell(entry: BestComparison, form: str) -> str:
-    """Format a mean with half of its interval: the best in bold, what it does not beat with a star."""
-    mean, half = _number(entry.interval.mean, form), entry.interval.half_width
-    beside = "" if math.isnan(half) else rf" {{\scriptsize$\pm$ {format_value(half, form)}}}"
+    """Format a mean with its interval: the best in bold, what it does not beat with a star."""
+    mean, found = _number(entry.interval.mean, form), interval_beside(entry.interval, form, r"$\pm$")
+    beside = rf" {{\scriptsize{found}}}" if found else ""
     if entry.best:
         return rf"\textbf{{{mean}}}{beside}"
     if not entry.complete and entry.interval.count:

@@ -70,9 +70,9 @@ class _Point:
         return f"{self.name}: {self.value.mean:.0f}" if self.far else self.name
 
     @property
-    def half_whisker(self) -> float:
-        """Half the length of the whisker; NaN: there is none."""
-        return math.nan if self.far or self.value.count < _LEAST_SAMPLES else self.value.half_width
+    def whiskers(self) -> tuple[float, float]:
+        """Lengths of the whisker below and above the mean; 0: there is none."""
+        return (0.0, 0.0) if self.far or self.value.count < _LEAST_SAMPLES else self.value.whiskers
 
 
 def trade_off(table: ResultTable, metric: str, sends: Mapping[str, str]) -> str:
@@ -105,7 +105,7 @@ def _points(table: ResultTable, metric: str, sends: Mapping[str, str]) -> list[_
     values, rates = (known_mean(table.values(name)[:, calm], axis=1) for name in (metric, BYTES))
     names = short_names(table)
     found = [
-        _Point(names[policy], sends.get(policy, ""), float(rate), table.samples.interval(row))
+        _Point(names[policy], sends.get(policy, ""), float(rate), table.interval(metric, row))
         for policy, rate, row in zip(table.policies, known_mean(rates, axis=1), values, strict=True)
     ]
     known = [each for each in found if not (math.isnan(each.bytes_per_s) or math.isnan(each.value.mean))]
@@ -140,8 +140,9 @@ def _draw_points(panel: Any, points: Sequence[_Point], less: bool) -> None:
     shown = set[str]()
     for place, point in zip(places, points, strict=True):
         word, marker, color = _LOOKS.get(point.sends, _OTHER)
-        half = np.nan_to_num(point.half_whisker)
-        panel.errorbar(place, point.shown, half, color="0.55", lw=0.8, capsize=2, zorder=2)
+        panel.errorbar(
+            place, point.shown, np.reshape(point.whiskers, (2, 1)), color="0.55", lw=0.8, capsize=2, zorder=2
+        )
         look = {"marker": marker, "ms": _MARKER_PT, "mfc": color, "mec": "black", "mew": 0.7, "ls": ""}
         label = word if word and word not in shown else "_"
         panel.plot(place, point.shown, label=label, zorder=3, **look)
@@ -177,7 +178,7 @@ def _label(figure: Figure, panel: Any, points: Sequence[_Point]) -> None:
     whiskers = [
         panel.transData.transform([(x, point.value.low), (x, point.value.high)]) * to_pt
         for (x, _), point in zip(places, points, strict=True)
-        if not math.isnan(point.half_whisker)
+        if any(point.whiskers)
     ]
     half = _MARKER_PT / 2
     taken = [[x - half, y - half, x + half, y + half] for x, y in spots]

@@ -24,20 +24,20 @@ def plots(table: ResultTable, metric: str) -> dict[str, str]:
     Raises:
         UnknownNameError: there is no such metric.
     """
-    values = table.values(metric)
+    table.values(metric)  # which knows the name
     return {
-        f"{metric}_{axis.title.replace(' ', '_')}.svg": _plot(table, metric, values, axis)
+        f"{metric}_{axis.title.replace(' ', '_')}.svg": _plot(table, metric, axis)
         for axis in varying_axes(table.conditions)
     }
 
 
-def _plot(table: ResultTable, metric: str, values: np.ndarray[Any, Any], axis: Axis) -> str:
+def _plot(table: ResultTable, metric: str, axis: Axis) -> str:
     count = len(table.scenarios)
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(1, count, sharey=True, squeeze=False)[0]
         for panel, scenario in zip(panels, table.scenarios, strict=True):
-            _panel(panel, table, values, axis, scenario)
+            _panel(panel, table, metric, axis, scenario)
             panel.set(title=scenario, xlabel=axis.label)
         panels[0].set_ylabel(metric)
         panels[0].legend(fontsize=7, frameon=False)
@@ -45,7 +45,8 @@ def _plot(table: ResultTable, metric: str, values: np.ndarray[Any, Any], axis: A
     return to_svg(draw, 1.2 + 3.4 * count, 3.2)
 
 
-def _panel(panel: Any, table: ResultTable, values: np.ndarray[Any, Any], axis: Axis, scenario: str) -> None:
+def _panel(panel: Any, table: ResultTable, metric: str, axis: Axis, scenario: str) -> None:
+    values = table.values(metric)
     chosen = sorted(
         (axis.value(table.conditions[k]), k)
         for k in mildest_along(axis, table.conditions)
@@ -56,9 +57,9 @@ def _panel(panel: Any, table: ResultTable, values: np.ndarray[Any, Any], axis: A
     endless = len(known) < len(chosen)
     places = [value if math.isfinite(value) else (4 * max(known) if known else 1.0) for value, _ in chosen]
     for number, policy in enumerate(table.names.values()):
-        intervals = [table.samples.interval(values[number, k]) for _, k in chosen]
+        intervals = [table.interval(metric, values[number, k]) for _, k in chosen]
         means = np.array([each.mean for each in intervals])
-        whiskers = np.nan_to_num([each.half_width for each in intervals])
+        whiskers = np.array([each.whiskers for each in intervals]).T
         style, color = line_style(number)
         # Matplotlib leaves out labels that begin with an underscore.
         name = f" {policy}" if policy.startswith("_") else policy

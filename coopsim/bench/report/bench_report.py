@@ -11,6 +11,7 @@ from typing import Any
 
 from coopsim.bench.grid.cell import Axis, label, varying_axes
 from coopsim.bench.report.bench_tables import condition_table, failures, leaderboard
+from coopsim.bench.report.bench_text import interval_kinds
 from coopsim.bench.report.clips import Clip
 from coopsim.bench.report.formats import definitions, fill_page
 from coopsim.bench.report.scene import DRAWING, Scene
@@ -108,7 +109,7 @@ def _interval_note(table: ResultTable) -> str:
     if samples.count == 1:
         alone = f"There is {samples.text}, and so no interval: what another would give is not known."
         return f"{alone} {table.caution}".rstrip()
-    meaning = f"± and whiskers are 95 % intervals of the mean over {samples.text}, by Student's t"
+    meaning = f"± and whiskers are 95 % intervals of the mean over {samples.text}, by {interval_kinds(table.shown)}"
     if samples.are_places and samples.count < len(table.seeds):
         meaning += "; a place counts once, with the mean of its seeds"
     if samples.in_one_place:
@@ -182,7 +183,7 @@ def _intervals(table: ResultTable, metric: str) -> list[list[list[float | None]]
     """Return mean, low and high, by policy and condition."""
     rows = []
     for policy in table.values(metric):
-        intervals = [table.samples.interval(seeds) for seeds in policy]
+        intervals = [table.interval(metric, seeds) for seeds in policy]
         rows.append([[_json(value) for value in (each.mean, each.low, each.high)] for each in intervals])
     return rows
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 
 from coopsim.bench.grid.cell import name_of_cell, short_label
-from coopsim.bench.report.bench_text import BYTES_TITLE, form_of, format_value, title_of
+from coopsim.bench.report.bench_text import BYTES_TITLE, form_of, format_value, interval_beside, title_of
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import Standing, standings
 from coopsim.bench.results.statistics import Interval
@@ -58,7 +58,7 @@ def condition_table(table: ResultTable, condition: int) -> str:
     columns = []
     for name in metrics:
         form = form_of(name)
-        intervals = [table.samples.interval(values) for values in table.values(name)[:, condition]]
+        intervals = [table.interval(name, values) for values in table.values(name)[:, condition]]
         means = [format_value(each.mean, form) for each in intervals]
         competing = [mean for mean, policy in zip(means, table.policies, strict=True) if policy not in table.bounds]
         best = _best(competing, name)
@@ -92,11 +92,10 @@ def _best(shown: Sequence[str], metric: str) -> str | None:
 
 
 def interval_html(interval: Interval, form: str = ".1f") -> str:
-    """Return a mean, followed by half of its interval where that is known."""
-    half = interval.half_width
-    if math.isnan(half):
-        return format_value(interval.mean, form)
-    return f'{format_value(interval.mean, form)} <span class="dim">± {format_value(half, form)}</span>'
+    """Return a mean, followed by its interval where that is known."""
+    beside = interval_beside(interval, form)
+    mean = format_value(interval.mean, form)
+    return f'{mean} <span class="dim">{beside}</span>' if beside else mean
 
 
 def _state(entry: Standing, cells: int) -> str:

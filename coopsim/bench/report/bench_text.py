@@ -15,7 +15,7 @@ from coopsim.bench.report.formats import to_csv_text
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import standings
 from coopsim.bench.results.statistics import Interval
-from coopsim.metrics.built_in import BYTES, all_metrics, custom_metrics
+from coopsim.metrics.built_in import BYTES, all_metrics, custom_metrics, is_yes_no
 from coopsim.metrics.driving import DRIVING_SHOWN
 from coopsim.metrics.metric import PRIMARY_METRIC
 from coopsim.metrics.score import GroupRecall, Score
@@ -36,7 +36,7 @@ def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = ()) -> 
     chosen = tuple(metrics) or _usual(table)
     parts = [f"# {_escaped(title)}", leaderboard_text(table, metrics)]
     means = f"Mean over {len(table.conditions)} condition{'s' * (len(table.conditions) != 1)}"
-    interval = f", ± half of its 95 % interval over {table.samples.text} (Student's t)"
+    interval = f", ± half of its 95 % interval over {table.samples.text} ({interval_kinds(chosen)})"
     parts.append(means + (interval if table.samples.count > 1 else f" of {table.samples.text}") + ".")
     parts += [f"Networks multiply in {table.arithmetics[0]}."] if len(table.arithmetics) == 1 else []
     parts += [table.caution] if table.caution else []
@@ -114,7 +114,7 @@ def _leaderboard(table: ResultTable, metric: str) -> str:
 def _condition(table: ResultTable, condition: int, metrics: Sequence[str]) -> str:
     names = [*metrics, *([BYTES] if BYTES in table.metrics else [])]
     columns = [
-        [_interval(table.samples.interval(seeds), form_of(name)) for seeds in table.values(name)[:, condition]]
+        [_interval(table.interval(name, seeds), form_of(name)) for seeds in table.values(name)[:, condition]]
         for name in names
     ]
     rows = [[_escaped(name), *(each[k] for each in columns)] for k, name in enumerate(table.names.values())]
@@ -129,8 +129,21 @@ def _failures(table: ResultTable) -> list[str]:
 
 
 def _interval(interval: Interval, form: str) -> str:
-    half = interval.half_width
-    return format_value(interval.mean, form) + ("" if math.isnan(half) else f" ± {format_value(half, form)}")
+    return " ".join(part for part in (format_value(interval.mean, form), interval_beside(interval, form)) if part)
+
+
+def interval_kinds(metrics: Sequence[str]) -> str:
+    """Return the methods of the intervals of some metrics, in words."""
+    return "Student's t" + "; of rates, in brackets, Wilson's" * any(is_yes_no(name) for name in metrics)
+
+
+def interval_beside(interval: Interval, form: str, plus_minus: str = "±") -> str:
+    """Return an interval as it stands beside its mean: "± 1.2", or "(0.3 to 4.0)" of a rate; empty if not known."""
+    if math.isnan(interval.half_width):
+        return ""
+    if interval.is_even:
+        return f"{plus_minus} {format_value(interval.half_width, form)}"
+    return f"({format_value(interval.low, form)} to {format_value(interval.high, form)})"
 
 
 def _escaped(text: str) -> str:

@@ -35,7 +35,7 @@ def to_text(comparison: Comparison) -> str:
             f"{row.after:.4g}",
             f"{row.change.mean:+.3g}",
             _interval(row),
-            _p_value(max(row.p_bootstrap, row.p_sign_flip)),
+            _p_value(row.p_value),
             _p_value(row.p_corrected),
             row.verdict,
         ]
@@ -60,7 +60,7 @@ def to_rows(comparison: Comparison) -> list[dict[str, Any]]:
             "low": _plain(row.change.low),
             "high": _plain(row.change.high),
             "seeds": row.change.count,
-            "p_bootstrap": row.p_bootstrap,
+            "p_bootstrap": _plain(row.p_bootstrap),
             "p_sign_flip": row.p_sign_flip,
             "p_corrected": row.p_corrected,
             "p_possible": row.p_possible,
@@ -78,7 +78,7 @@ def to_dict(comparison: Comparison) -> dict[str, Any]:
         "pairs": comparison.matched,
         "unmatched": list(comparison.unmatched),
         "comparisons": comparison.compared,
-        "seeds_needed": seeds_needed(max(comparison.compared, 1)),
+        "seeds_needed": _needed(comparison, max(comparison.compared, 1)),
         "level": LEVEL,
     }
 
@@ -94,6 +94,11 @@ _FIELDS = tuple(field.name for field in fields(Condition))
 def _plain(value: str | float) -> str | float | None:
     """Replace infinity, which JSON does not have, by None."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _needed(comparison: Comparison, count: int) -> int | None:
+    """Return the seeds needed for one of `count` comparisons; those of rates can always have enough."""
+    return seeds_needed(count, is_rate=all(row.is_rate for row in comparison.differences))
 
 
 def _conditions(comparison: Comparison) -> tuple[Condition, ...]:
@@ -132,7 +137,7 @@ def _finding(comparison: Comparison, row: Difference) -> str:
     count, kind = comparison.compared, comparison.samples.kind
     several = f" for {count} comparisons" * (count > 1)
     if row.verdict == "too few seeds":
-        needed = seeds_needed(count)
+        needed = seeds_needed(count, is_rate=row.is_rate)
         return f"too few {kind}{several} ({'no number is enough' if needed is None else f'{needed} needed'})"
     apart = not row.change.low <= 0 <= row.change.high
     return f"not significant after correction{several}" if apart and several else "no significant difference"
@@ -153,14 +158,18 @@ def _method(comparison: Comparison) -> list[str]:
     span = samples.counted(max(counts)) if len(set(counts)) == 1 else f"{min(counts)} to {samples.counted(max(counts))}"
     kind, compared = samples.kind, comparison.compared
     identical = f" ({len(rows) - compared} identical ones are not counted)" * (compared < len(rows))
+    methods = []
+    if not all(row.is_rate for row in rows):
+        methods.append(f"bootstrap-t over {kind}. p: the larger of the bootstrap's and the exact sign-flip test's")
+    if any(row.is_rate for row in rows):
+        methods.append(f"{'of rates ' * bool(methods)}Newcombe's over {kind}. p: McNemar's exact test")
     lines = [
         f"{comparison.matched} pairs of cells, {span}, {compared} comparison{'s' * (compared != 1)}{identical}. "
-        f"Intervals: bootstrap-t over {kind}. p: the larger of the bootstrap's and the exact sign-flip test's; "
-        "corrected by Holm.",
+        f"Intervals: {'; intervals '.join(methods)}; corrected by Holm.",
     ]
     if not compared:
         return lines
-    fewest, needed = min(counts), seeds_needed(compared)
+    fewest, needed = min(counts), _needed(comparison, compared)
     if needed is None:
         lines.append("So many comparisons leave nothing to be significant first: ask for fewer metrics or conditions.")
     elif fewest < needed:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,17 +17,19 @@ from coopsim.bench.results.statistics import (
     Interval,
     bootstrap_difference,
     holm,
+    rate_difference,
     sign_flip_p_value,
     smallest_p_value,
 )
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.built_in import less_is_better
+from coopsim.metrics.built_in import is_yes_no, less_is_better
 from coopsim.metrics.metric import PRIMARY_METRIC
 from coopsim.support.checks import require_choice
 
-DEFAULT_METRICS = (PRIMARY_METRIC, "HOTA")
-"""Few, because every further comparison makes each difference harder to show."""
+DEFAULT_METRICS = (PRIMARY_METRIC, "HOTA", "crash")
+"""Few, because every further comparison makes each difference harder to show. Where no car is driven there is no crash.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +43,9 @@ class Difference:
         before: mean of A.
         after: mean of B.
         change: mean of B - A with its interval; the ends are infinite with too few seeds.
-        p_bootstrap: p-value of the paired bootstrap over seeds.
-        p_sign_flip: p-value of the exact test, which is valid for any number of seeds.
+        identical: True if all differences are exactly 0.
+        p_bootstrap: p-value of the paired bootstrap over seeds; NaN for rates.
+        p_sign_flip: p-value of the exact test, which is valid for any number of seeds: McNemar's for rates.
         p_corrected: the larger of the two, corrected for the number of comparisons by Holm's method; identical rows are
             no comparisons, and have 1.
         p_possible: smallest corrected p-value that so many seeds allow, if every difference were clear.
@@ -53,15 +57,21 @@ class Difference:
     before: float
     after: float
     change: Interval
+    identical: bool
     p_bootstrap: float
     p_sign_flip: float
     p_corrected: float = 1.0
     p_possible: float = 1.0
 
     @property
-    def identical(self) -> bool:
-        """True if all differences are exactly 0."""
-        return self.change.mean == self.change.low == self.change.high == 0
+    def is_rate(self) -> bool:
+        """True if yes or no is compared, by McNemar's test; False for means."""
+        return math.isnan(self.p_bootstrap)
+
+    @property
+    def p_value(self) -> float:
+        """The larger of the known p-values, not corrected."""
+        return self.p_sign_flip if self.is_rate else max(self.p_bootstrap, self.p_sign_flip)
 
     @property
     def significant(self) -> bool:
@@ -232,8 +242,8 @@ def _differences(
 def _corrected(rows: Sequence[Difference]) -> tuple[Difference, ...]:
     """Return the rows with p-values corrected for the number of those that are not identical."""
     compared = [k for k, row in enumerate(rows) if not row.identical]
-    found = holm(np.array([max(rows[k].p_bootstrap, rows[k].p_sign_flip) for k in compared]))
-    possible = holm(np.array([smallest_p_value(rows[k].change.count) for k in compared]))
+    found = holm(np.array([rows[k].p_value for k in compared]))
+    possible = holm(np.array([smallest_p_value(rows[k].change.count, is_rate=rows[k].is_rate) for k in compared]))
     corrected = list(rows)
     for k, p_corrected, p_possible in zip(compared, found.tolist(), possible.tolist(), strict=True):
         corrected[k] = replace(rows[k], p_corrected=p_corrected, p_possible=p_possible)
@@ -251,7 +261,12 @@ def _by_sample(by_seed: Mapping[int, Any], sample_of: Mapping[int, int]) -> Floa
 def _difference(policy: str, condition: Condition | None, metric: str, both: Floats) -> Difference:
     """Compute a row from values (N, 2) of A and B, one pair per sample."""
     change = both[:, 1] - both[:, 0]
-    interval, p_bootstrap = bootstrap_difference(change)
-    p_sign_flip = sign_flip_p_value(change)
     before, after = both.mean(axis=0).tolist()
-    return Difference(policy, condition, metric, before, after, interval, p_bootstrap, p_sign_flip)
+    rates = rate_difference(both[:, 0], both[:, 1]) if is_yes_no(metric) else None
+    if rates is not None:
+        interval, p_bootstrap, p_sign_flip = rates[0], math.nan, rates[1]
+    else:
+        interval, p_bootstrap = bootstrap_difference(change)
+        p_sign_flip = sign_flip_p_value(change)
+    identical = not change.any()
+    return Difference(policy, condition, metric, before, after, interval, identical, p_bootstrap, p_sign_flip)

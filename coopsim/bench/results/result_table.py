@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.bench.grid.cell import CellResult, Condition
-from coopsim.bench.results.statistics import Interval, mean_interval
+from coopsim.bench.results.statistics import Interval, mean_interval, rate_interval
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.built_in import BYTES, custom_metrics
+from coopsim.metrics.built_in import BYTES, custom_metrics, is_yes_no
 from coopsim.metrics.driving import DRIVING
 from coopsim.metrics.metric import PRIMARY_METRIC
 from coopsim.types import Ints
@@ -126,6 +126,11 @@ class ResultTable:
         any_value: NDArray[np.bool_] = np.any(known, axis=(1, 2))
         return whole & any_value
 
+    def interval(self, metric: str, values: Floats) -> Interval:
+        """Return the mean of a metric's values (S,) by seed with its interval over samples: Wilson's for yes or no."""
+        averages = self.samples.average(values)
+        return rate_interval(averages) if is_yes_no(metric) else mean_interval(averages)
+
     @property
     def shown(self) -> tuple[str, ...]:
         """The metrics that reports show, without bytes per second; all in the results if these have no usual one."""
@@ -228,10 +233,6 @@ class Samples:
             warnings.simplefilter("ignore", RuntimeWarning)  # of means without values
             means = [np.nanmean(values[..., self.group == k], axis=-1) for k in range(self.count)]
         return np.stack(means, axis=-1)
-
-    def interval(self, values: Floats) -> Interval:
-        """Return the mean of values (S,) by seed with its interval over samples."""
-        return mean_interval(self.average(values))
 
 
 def samples_of(results: Iterable[CellResult], seeds: Sequence[int]) -> Samples:

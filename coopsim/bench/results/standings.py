@@ -12,7 +12,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from coopsim.bench.grid.cell import CellResult, Condition, mildest
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.statistics import LEVEL, Interval, largest_difference_p_values, mean_interval
+from coopsim.bench.results.statistics import LEVEL, Interval, largest_difference_p_values
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.built_in import BYTES, less_is_better
 
@@ -49,27 +49,26 @@ def standings(table: ResultTable, metric: str) -> tuple[Standing, ...]:
     """Rank all policies, the best first and those without a rank last."""
     values = table.values(metric)
     rates = table.values(BYTES) if BYTES in table.metrics else np.full(values.shape, math.nan)
-    less = less_is_better(metric)
-    entries = [_standing(table, k, values[k], rates[k], less) for k in range(len(table.policies))]
+    entries = [_standing(table, k, metric, values[k], rates[k]) for k in range(len(table.policies))]
     whole = [k for k in np.flatnonzero(table.whole(metric)).tolist() if table.policies[k] not in table.bounds]
-    order = sorted(whole, key=lambda k: entries[k].mean.mean * (1 if less else -1))
+    order = sorted(whole, key=lambda k: entries[k].mean.mean * (1 if less_is_better(metric) else -1))
     means = [entries[k].mean.mean for k in order]
     ranked = [replace(entries[k], rank=1 + means.index(entries[k].mean.mean)) for k in order]
     return (*ranked, *(entry for k, entry in enumerate(entries) if k not in whole))
 
 
-def _standing(table: ResultTable, policy: int, values: Floats, rates: Floats, less: bool) -> Standing:
+def _standing(table: ResultTable, policy: int, metric: str, values: Floats, rates: Floats) -> Standing:
     by_condition = known_mean(values, axis=1)
     calm = [table.conditions.index(each) for each in mildest(table.conditions)]
     worst = None
     if not np.isnan(by_condition).all():
-        worst = int(np.nanargmax(by_condition) if less else np.nanargmin(by_condition))
+        worst = int(np.nanargmax(by_condition) if less_is_better(metric) else np.nanargmin(by_condition))
     name = table.policies[policy]
     failed = sum(result.cell.policy == name for result in table.failures)
     return Standing(
         policy=name,
         rank=None,
-        mean=table.samples.interval(known_mean(values, axis=0)),
+        mean=table.interval(metric, known_mean(values, axis=0)),
         undisturbed=float(known_mean(by_condition[calm], axis=0)),
         worst=math.nan if worst is None else float(by_condition[worst]),
         worst_condition=None if worst is None else table.conditions[worst],
@@ -121,8 +120,8 @@ def compare_with_best(table: ResultTable, metric: str, conditions: Sequence[int]
     """
     values, complete = table.values(metric)[:, list(conditions)], table.whole(metric, conditions)
     competes = complete & ~np.isin(table.policies, list(table.bounds))
-    by_sample = table.samples.average(known_mean(values, axis=1))
-    intervals = [mean_interval(row) for row in by_sample]
+    by_seed = known_mean(values, axis=1)
+    by_sample, intervals = table.samples.average(by_seed), [table.interval(metric, row) for row in by_seed]
     if not competes.any():
         return tuple(BestComparison(*each) for each in zip(intervals, complete.tolist(), strict=True))
     sign = -1.0 if less_is_better(metric) else 1.0

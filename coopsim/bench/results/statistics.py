@@ -1,6 +1,7 @@
-"""Statistics of a few seeds: intervals of means, and tests of paired differences.
+"""Statistics of a few seeds: intervals of means and rates, and tests of paired differences.
 
-SciPy has no studentised bootstrap, and its `permutation_test` doubles a one-sided p-value, so both are written here.
+SciPy has no studentised bootstrap, and its `permutation_test` doubles a one-sided p-value, so both are written here. It
+has no interval for the difference of paired rates, either.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.stats import binomtest, norm
 from scipy.stats import t as student_t
 
 from coopsim.geometry.se3 import Floats
@@ -47,6 +49,17 @@ class Interval:
         """Half of the interval's length; NaN if it is not known."""
         return (self.high - self.low) / 2
 
+    @property
+    def is_even(self) -> bool:
+        """False if the mean is not in the middle, as of a rate: "± half" would then be wrong."""
+        return not abs(self.high + self.low - 2 * self.mean) > 1e-6 * abs(self.high - self.low)
+
+    @property
+    def whiskers(self) -> tuple[float, float]:
+        """Lengths of the interval below and above the mean; 0 where they are not known."""
+        known = not math.isnan(self.half_width)
+        return (self.mean - self.low, self.high - self.mean) if known else (0.0, 0.0)
+
 
 def mean_interval(values: Floats) -> Interval:
     """Compute Student's interval of the mean of independent values (N,); NaNs are left out.
@@ -69,6 +82,75 @@ def mean_interval(values: Floats) -> Interval:
 @lru_cache
 def _student_quantile(count: int) -> float:
     return float(student_t.ppf((1 + CONFIDENCE) / 2, count - 1))
+
+
+_NORMAL = float(norm.ppf((1 + CONFIDENCE) / 2))
+
+
+def rate_interval(values: Floats) -> Interval:
+    """Compute Wilson's interval of a rate, from values (N,) of independent samples in per cent; NaNs are left out.
+
+    Student's interval of crashes that never happened has no length; Wilson's (1927) keeps its level for rates near 0
+    and 1, and for few samples (Brown, Cai and DasGupta 2001, "Interval Estimation for a Binomial Proportion"). Where
+    values are neither 0 nor 100, because a sample is a mean over several conditions or seeds, the number of samples is
+    replaced by the effective one, p (1 - p) / variance of the mean (Korn and Graubard 1998), if that is larger.
+    """
+    known = np.asarray(values, dtype=np.float64)
+    known = known[~np.isnan(known)] / 100
+    count = len(known)
+    if not count:
+        return Interval(math.nan, math.nan, math.nan, 0)
+    rate, effective = float(known.mean()), float(count)
+    if count > 1 and not _is_yes_no(known):
+        variance = float(known.var(ddof=1)) / count
+        effective = max(effective, rate * (1 - rate) / variance) if variance > _ROUNDING else effective
+    low, high = _wilson(rate, effective)
+    return Interval(100 * rate, 100 * low, 100 * high, count)
+
+
+def _is_yes_no(shares: Floats) -> bool:
+    return bool(np.isin(shares, (0.0, 1.0)).all())
+
+
+def _wilson(rate: float, count: float) -> tuple[float, float]:
+    weight = _NORMAL**2 / count
+    middle = (rate + weight / 2) / (1 + weight)
+    half = math.sqrt(rate * (1 - rate) * weight + weight**2 / 4) / (1 + weight)
+    return min(max(middle - half, 0.0), rate), max(min(middle + half, 1.0), rate)  # rounding apart
+
+
+def rate_difference(before: Floats, after: Floats) -> tuple[Interval, float] | None:
+    """Compare paired rates (N,) that are 0 or 100 per cent. Return the difference's interval and McNemar's p-value.
+
+    The test is exact and two-sided (McNemar 1947): of the pairs that differ, each is as likely to go either way, so
+    it is the sign-flip test of yes or no. The interval is Newcombe's (1998, "Improved confidence intervals for the
+    difference between binomial proportions based on paired data", method 10), made of Wilson's intervals.
+
+    Returns:
+        Interval of after - before, in per cent, and the p-value; None if a value is neither 0 nor 100.
+    """
+    yes = np.asarray(before, dtype=np.float64) / 100, np.asarray(after, dtype=np.float64) / 100
+    if not all(_is_yes_no(each) for each in yes):
+        return None
+    count = len(yes[0])
+    rates = [float(each.mean()) for each in yes]
+    (low_0, high_0), (low_1, high_1) = (_wilson(rate, count) for rate in rates)
+    shared, change = _shared(*yes), rates[1] - rates[0]
+    down, up = (rates[1] - low_1, high_0 - rates[0]), (high_1 - rates[1], rates[0] - low_0)
+    low, high = (math.sqrt(max(a * a - 2 * shared * a * b + b * b, 0.0)) for a, b in (down, up))
+    worse, better = int((yes[1] > yes[0]).sum()), int((yes[1] < yes[0]).sum())
+    p_value = float(binomtest(worse, worse + better).pvalue) if worse + better else 1.0
+    return Interval(100 * change, 100 * (change - low), 100 * (change + high), count), p_value
+
+
+def _shared(before: Floats, after: Floats) -> float:
+    """Return Newcombe's correlation of yes and no of pairs, corrected for continuity."""
+    a, d = float((before * after).sum()), float(((1 - before) * (1 - after)).sum())
+    b, c = float((before * (1 - after)).sum()), float(((1 - before) * after).sum())
+    size = math.sqrt((a + b) * (c + d) * (a + c) * (b + d))
+    surplus = a * d - b * c
+    surplus = max(surplus - len(before) / 2, 0.0) if surplus > 0 else surplus
+    return surplus / size if size else 0.0
 
 
 def bootstrap_difference(differences: Floats, resamples: int = RESAMPLES) -> tuple[Interval, float]:
@@ -175,15 +257,18 @@ def largest_difference_p_values(values: Floats, best: int) -> Floats:
     return p_values
 
 
-def smallest_p_value(count: int) -> float:
-    """Return the smallest p-value of `count` seeds: the two-sided chance that all differences have the same sign."""
-    return float(2.0 ** (1 - min(count, EXACT_UP_TO + 1)))
+def smallest_p_value(count: int, *, is_rate: bool = False) -> float:
+    """Return the smallest p-value of `count` seeds: the two-sided chance that all differences have the same sign.
+
+    That of a rate, by McNemar's test, becomes smaller with any number of seeds.
+    """
+    return float(2.0 ** (1 - (count if is_rate else min(count, EXACT_UP_TO + 1))))
 
 
-def seeds_needed(comparisons: int) -> int | None:
+def seeds_needed(comparisons: int, *, is_rate: bool = False) -> int | None:
     """Return the seeds needed for one of several comparisons to be significant; None if no number suffices."""
     needed = 1 + math.ceil(math.log2(comparisons / LEVEL))
-    return needed if needed <= EXACT_UP_TO + 1 else None
+    return needed if is_rate or needed <= EXACT_UP_TO + 1 else None
 
 
 def holm(p_values: Floats) -> Floats:
