@@ -332,13 +332,17 @@ def _policy_base() -> type[Policy]:
 
 
 VERSIONED_NAMES = (
+    "child_between_cars-v2",
     "crossing-v2",
+    "crossing_path-v2",
     "file-v2",
     "highway-v2",
     "merge-v2",
     "occluded_crossing-v2",
+    "occluded_pedestrian-v2",
     "parking_street-v2",
     "platoon-v2",
+    "red_light_runner-v2",
     "replay-v2",
     "roundabout-v2",
     "t_junction-v2",

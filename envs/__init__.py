@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,10 +30,21 @@ from coopsim.world.population import Population, drop_overridden
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import played_scenarios
 from coopsim.world.scenario import NUMBERS, Place
+from coopsim.world.situations.situation import EGO, SITUATIONS, Situation
 from coopsim.world.towns.options import PlaceSeeds, TownOptions
 from coopsim.world.towns.scenarios import TOWN, TOWN_KEYS, choose_scenarios, scenario_names
 
-__all__ = ["IDLE", "MANEUVERS", "CooperativeEnv", "MotaReward", "Reward", "file_env", "replay_env", "simulation_env"]
+__all__ = [
+    "IDLE",
+    "MANEUVERS",
+    "CooperativeEnv",
+    "MotaReward",
+    "Reward",
+    "file_env",
+    "replay_env",
+    "simulation_env",
+    "situation_env",
+]
 
 VERSION = 2
 """Version of all environments; any change of observations, rewards or dynamics raises it.
@@ -78,6 +91,36 @@ def simulation_env(
     asked = {key: value for group in numbers for key, value in group.items()}
     scenarios = choose_scenarios(scenario, density=density, detail=sensed.detail, **asked)
     return CooperativeEnv(Simulation(name, scenarios, sensed), shared, reward)
+
+
+def situation_env(
+    situation: str | Callable[..., Situation], name: str, /, *, reward: Reward | None = None, **options: Any
+) -> CooperativeEnv:
+    """Make the environment of a situation.
+
+    Unless other options are given, a planner drives the ego, `cav_0`, by its reported tracks; the others follow the
+    traffic model; and an episode ends at the ego's crash, or when the situation is over.
+
+    Args:
+        situation: name of the situation, or a class of situations.
+        name: the environment's id.
+        reward: turns a frame's counts into a reward; None is `MotaReward`.
+        **options: fields of `CommonOptions`, `SimulationOptions` and of the situation's class.
+    """
+    kind = SITUATIONS.get(situation) if isinstance(situation, str) else situation
+    common, simulation, own = sort_options(options, CommonOptions, SimulationOptions, kind, also_accepted=["reward"])
+    if simulation.get("playback") is not None:
+        raise InvalidValueError("playback must be left out in a situation, whose cars react: play it in its place")
+    shared = CommonOptions(**common)
+    staged = kind(**own)
+    usual: dict[str, Any] = {"control": "planner"}
+    if simulation.get("control") != "traffic":
+        usual |= {"driven_agents": (EGO,), "ends_on_crash": True}
+    sensed = SimulationOptions(**usual | simulation)
+    if "max_cycles" not in simulation:
+        sensed = replace(sensed, max_cycles=math.ceil(staged.over_s / sensed.dt_s - 1e-9))
+    require_truth_exposed(sensed.camera_modes, exposed=shared.expose_ground_truth)
+    return CooperativeEnv(Simulation(name, staged, sensed), shared, reward)
 
 
 def _refuse_town_keys(scenario: str | Place, options: Mapping[str, Any]) -> None:
@@ -150,6 +193,7 @@ def replay_env(
 def _register() -> None:
     makers: dict[str, Callable[..., CooperativeEnv]] = {
         **{f"{name}-v{VERSION}": partial(simulation_env, name) for name in scenario_names()},
+        **{f"{name}-v{VERSION}": partial(situation_env, name) for name in SITUATIONS.names()},
         f"file-v{VERSION}": file_env,
         f"replay-v{VERSION}": replay_env,
     }
