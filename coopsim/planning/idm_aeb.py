@@ -3,10 +3,13 @@
 It is plain on purpose, so that differences between runs are differences of perception. It sees nothing but tracks:
 
 1. Tracks are predicted for `horizon_s` with constant speed and turn rate.
-2. The nearest track on the route is the leader of the Intelligent Driver Model (Treiber, Hennecke and Helbing,
+2. Behind the nearest track on the route the car drives by the Intelligent Driver Model (Treiber, Hennecke and Helbing,
    "Congested traffic states in empirical observations and microscopic simulations", Phys. Rev. E 62, 2000, eq. 2-3).
-3. A track that is predicted to cross the route while the car would be there is a standing leader at the crossing: the
-   car yields, unless it has the right of way over a vehicle that can still stop with ease.
+   Braking beyond need is cut by the constant-acceleration heuristic (Kesting, Treiber and Helbing, "Enhanced
+   intelligent driver model to access the impact of driving strategies on traffic capacity", Phil. Trans. R. Soc. A 368,
+   2010), as the model alone brakes hard wherever a gap is small, also behind a leader that is as fast.
+3. A track that is predicted to come onto the route when the car would be there is a leader, too, as fast as it moves
+   along the route: the car yields, unless the right of way or a clear lead is its own and the other can stop with ease.
 4. Where the car's body would touch a predicted one within `braking_ttc_s`, it brakes as hard as it can, after
    `braking_delay_s`.
 """
@@ -21,8 +24,8 @@ import numpy as np
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.planning.planner import PLANNERS, PlannedCar, Planner
 from coopsim.support.checks import require_positive
-from coopsim.types import NS_PER_S, Mask, Tracks
-from coopsim.types.driving import HAS_PRIORITY, LARGEST_BRAKING_M_S2
+from coopsim.types import NS_PER_S, Ints, Mask, Tracks
+from coopsim.types.driving import HAS_PRIORITY, LARGEST_BRAKING_M_S2, NOBODY_FIRST
 from coopsim.types.taxonomy import ObjectClass
 
 _ON_FOOT = (ObjectClass.PEDESTRIAN, ObjectClass.CHILD)
@@ -31,8 +34,23 @@ _ON_FOOT = (ObjectClass.PEDESTRIAN, ObjectClass.CHILD)
 _DELTA = 4
 """The exponent of the Intelligent Driver Model."""
 
+_COOLNESS = 0.99
+"""Weight of the constant-acceleration heuristic; Kesting, Treiber and Helbing (2010), table 1."""
+
+_SETTLING_S = 0.5
+"""Time in which the car comes down to a limit that it has missed; ours."""
+
 _SLOWEST_M_S = 0.5
 """Slower tracks stand: the direction of their velocity is noise."""
+
+_TURNING_S, _LATERAL_M_S2 = 0.3, 4.0
+"""Time over which turn rates are smoothed, and the lateral acceleration that they keep to: few drivers exceed it."""
+
+_AEB_FROM_M_S = 10 / 3.6
+"""Speed from which emergency braking begins: UN Regulation 152, 5.2.1.3, requires it from 10 km/h on."""
+
+_STEP_S = 0.1
+"""Time between predicted places: a crossing car moves by less than half its length."""
 
 
 @PLANNERS.register("idm_aeb")
@@ -71,69 +89,112 @@ class IdmAeb(Planner):
         require_positive(**{name: getattr(self, name) for name in (*names, "braking_ttc_s", "braking_delay_s")})
 
     def plan(self, car: PlannedCar) -> float:
-        way = _occupied(car, self._turn_rates(car), self.horizon_s, self.margin_m)
+        turn_rates = self._turn_rates(car)
+        near = _near(car, self.horizon_s, self.margin_m)
+        way = _occupied(car, near, turn_rates[near], self.horizon_s, self.margin_m)
         if self._must_brake(car, way):
             return -LARGEST_BRAKING_M_S2
-        wanted = self._free_road(car)
-        leader = way.inside[0] & (way.rear[0] > 0)
-        speed = np.maximum(way.speed_along, 0.0)
-        gaps = np.concatenate([way.rear[0][leader], self._crossings(car, way)])
-        speeds = np.concatenate([speed[leader], np.zeros(len(gaps) - int(leader.sum()))])
-        if not len(gaps):
-            return wanted
-        return min(wanted, float(self._behind(car, gaps - car.length_m / 2, speeds).min()))
+        free = self._free_road(car)
+        behind = self._behind(car, free, *self._leaders(car, way)).min(initial=free)
+        return float(self._yielding(car, free, *self._crossing(car, free, way)).min(initial=behind))
 
     def _free_road(self, car: PlannedCar) -> float:
-        """Return the acceleration with nothing ahead, m/s²: the Improved IDM's, or what a lower limit ahead asks for.
+        """Return the acceleration with nothing ahead, m/s²: IDM's, or what a lower limit ahead asks for.
 
-        Treiber and Kesting (2013), eq. 11.21, which brakes with no more than comfort above the limit.
+        A limit is reached by comfortable braking. Above that the car brakes as its distance needs; above the present
+        limit by the Improved IDM (Treiber and Kesting, 2013, eq. 11.21), with no more than comfort.
         """
-        speed, limits = car.speed_m_s, car.route.speed_limit_m_s
-        ahead_m = np.maximum(np.arange(len(limits)) * car.route.spacing_m, car.route.spacing_m)
-        needed = float(((speed**2 - limits**2) / (2 * ahead_m))[1:].max())
-        if needed > self.braking_m_s2:
-            return -min(needed, LARGEST_BRAKING_M_S2)
-        limit, most, least = max(float(limits[0]), 0.1), self.acceleration_m_s2, self.braking_m_s2
-        if speed <= limit:
-            return most * (1 - math.pow(speed / limit, _DELTA))
-        return -least * (1 - math.pow(limit / speed, most * _DELTA / least))
+        speed, limits = car.speed_m_s, np.maximum(car.route.speed_limit_m_s, 0.1)
+        most, least = self.acceleration_m_s2, self.braking_m_s2
+        ahead_m = np.arange(len(limits)) * car.route.spacing_m
+        allowed = float(np.sqrt(limits**2 + 2 * least * ahead_m).min())
+        if speed <= allowed:
+            return most * (1 - math.pow(speed / allowed, _DELTA))
+        present = min(speed, float(limits[0]))
+        over = least * (1 - math.pow(present / speed, most * _DELTA / least))
+        needed = float(((speed**2 - limits**2) / (2 * np.maximum(ahead_m, speed * _SETTLING_S)))[1:].max())
+        return -max(over, needed)
 
-    def _behind(self, car: PlannedCar, gap_m: Floats, speed_m_s: Floats) -> Floats:
-        """Return IDM's accelerations (M,) behind leaders with bumper-to-bumper gaps (M,) m and speeds (M,) m/s."""
-        closing = car.speed_m_s - speed_m_s
-        dynamic = car.speed_m_s * closing / (2 * np.sqrt(self.acceleration_m_s2 * self.braking_m_s2))
+    def _behind(self, car: PlannedCar, free: float, gap_m: Floats, speed_m_s: Floats) -> Floats:
+        """Return accelerations (M,) m/s² behind leaders with bumper-to-bumper gaps (M,) m and speeds (M,) m/s.
+
+        Leaders are taken to keep their speed, so that the heuristic's acceleration is what just avoids a collision.
+        """
+        most, least = self.acceleration_m_s2, self.braking_m_s2
+        closing, gap_m = car.speed_m_s - speed_m_s, np.maximum(gap_m, 0.1)
+        dynamic = car.speed_m_s * closing / (2 * math.sqrt(most * least))
         desired = self.gap_m + np.maximum(car.speed_m_s * self.headway_s + dynamic, 0.0)
-        accelerations: Floats = self._free_road(car) - self.acceleration_m_s2 * (desired / np.maximum(gap_m, 0.1)) ** 2
+        idm: Floats = free - most * (desired / gap_m) ** 2
+        heuristic = -(np.maximum(closing, 0.0) ** 2) / (2 * gap_m)
+        calm = (1 - _COOLNESS) * idm + _COOLNESS * (heuristic + least * np.tanh((idm - heuristic) / least))
+        return np.where(idm >= heuristic, idm, calm)
+
+    def _yielding(self, car: PlannedCar, free: float, gap_m: Floats, speed_m_s: Floats) -> Floats:
+        """Return accelerations (M,) m/s² to yield to tracks that will be gaps (M,) m ahead with speeds (M,) m/s.
+
+        The car brakes as a gap to spare needs, as soon as that is comfortable braking, and gets ready for it from half
+        of that on: most conflicts of predicted paths dissolve before.
+        """
+        least = self.braking_m_s2
+        needed = np.maximum(car.speed_m_s - speed_m_s, 0.0) ** 2 / (2 * np.maximum(gap_m - self.gap_m, gap_m / 2))
+        share = np.clip(2 * needed / least - 1, 0.0, 1.0)
+        accelerations: Floats = free - share * (free + needed)
         return accelerations
 
-    def _crossings(self, car: PlannedCar, way: _Occupied) -> Floats:
-        """Return where on the route (M,) m the car has to yield to tracks that are not on it yet."""
-        later = ~way.inside[0] & way.inside.any(axis=0)
-        inside = way.inside & later
-        enters = np.where(later, way.times[np.argmax(inside, axis=0)], np.inf)
-        leaves = np.where(later, way.times[len(way.times) - 1 - np.argmax(inside[::-1], axis=0)], -np.inf)
-        rear = np.where(inside, way.rear, np.inf).min(axis=0)
-        front = np.where(inside, way.front, -np.inf).max(axis=0)
-        speed = max(car.speed_m_s, _SLOWEST_M_S)
-        arrives, gone = (rear - car.length_m / 2) / speed, (front + car.length_m / 2) / speed
-        meets = later & (arrives < leaves + self.margin_s) & (gone > enters - self.margin_s) & (rear > 0)
-        # A vehicle without the right of way is left to brake, as long as it can do so with ease.
-        needed = np.hypot(*car.tracks.velocity.T) / (2 * np.maximum(enters, 0.1))
-        nearest = np.clip(rear / car.route.spacing_m, 0, len(car.route.points) - 1)
-        priority = car.route.right_of_way[np.where(later, nearest, 0).astype(int)] == HAS_PRIORITY
-        waits = priority & ~np.isin(car.tracks.label, _ON_FOOT) & (needed < self.braking_m_s2)
-        places: Floats = rear[meets & ~waits]
-        return places
+    def _leaders(self, car: PlannedCar, way: _Occupied) -> tuple[Floats, Floats]:
+        """Return gaps (M,) m and speeds (M,) m/s of tracks on the route that stand or drive along it."""
+        ahead = way.inside[0] & way.goes_along & (way.rear[0] > 0)
+        return way.rear[0][ahead] - car.length_m / 2, np.maximum(way.speed_along[ahead], 0.0)
+
+    def _crossing(self, car: PlannedCar, free: float, way: _Occupied) -> tuple[Floats, Floats]:
+        """Return gaps (M,) m and speeds (M,) m/s of tracks that come onto the route, or go across or against it.
+
+        The car yields to those that it would meet if it went on as if they were not there. A gap is that to a leader
+        now, which keeps its speed, or the car's if that is less, until the track is on the route.
+        """
+        inside = way.inside & ~(way.inside[0] & way.goes_along)
+        before, after = (_moved(car, free, way.times + late) for late in (-self.margin_s, self.margin_s))
+        half_m = car.length_m / 2
+        meets = inside & (after[:, None] + half_m > way.rear) & (before[:, None] - half_m < way.front)
+        first = np.argmax(inside, axis=0)
+        enters, tracks = way.times[first], np.arange(inside.shape[1])
+        last = len(way.times) - 1 - np.argmax(inside[::-1], axis=0)
+        lasts_s = np.maximum(way.times[last] - enters, _STEP_S)
+        speed = np.maximum((way.rear[last, tracks] - way.rear[first, tracks]) / lasts_s, 0.0)
+        leads_m = np.minimum(speed, car.speed_m_s) * way.times[:, None]
+        until = way.times[:, None] <= way.times[np.argmax(meets, axis=0)]
+        gap = np.where(inside & until, way.rear - leads_m, np.inf).min(axis=0, initial=np.inf) - half_m
+        met = meets.any(axis=0) & (gap > 0)
+        yields = met & ~self._is_first(car, way, first, gap)
+        return gap[yields], speed[yields]
+
+    def _is_first(self, car: PlannedCar, way: _Occupied, first: Ints, gap: Floats) -> Mask:
+        """Return the mask (N,) of vehicles that are left to brake, as they can with ease before they come.
+
+        The car goes first where it has the right of way. Where nobody has, it goes first if it is there clearly before,
+        and else before vehicles from its left (Vienna Convention on Road Traffic, 1968, article 18.4).
+        """
+        place = np.clip(gap / car.route.spacing_m, 0, len(car.route.points) - 1).astype(int)
+        right, enters, tracks = car.route.right_of_way[place], way.times[first], np.arange(len(gap))
+        lead_s = enters - gap / max(car.speed_m_s, _SLOWEST_M_S)
+        from_left = way.aside[np.maximum(first - 1, 0), tracks] > 0
+        earlier = (lead_s > self.margin_s) | ((lead_s > -self.margin_s) & from_left)
+        needed = way.speed / (2 * np.maximum(enters, _STEP_S))
+        goes = (right == HAS_PRIORITY) | ((right == NOBODY_FIRST) & earlier)
+        left_to_brake: Mask = goes & ~way.on_foot & (needed < self.braking_m_s2)
+        return left_to_brake
 
     def _must_brake(self, car: PlannedCar, way: _Occupied) -> bool:
         """Return whether the brake is on: since the delay after the first alarm, until no collision is predicted."""
-        moved = car.speed_m_s * way.times[:, None]
-        touches = way.inside & (way.rear < moved + car.length_m / 2) & (way.front > moved - car.length_m / 2)
+        quiet = self._alarm_ns is None
+        # A brake that is on already and suffices is no emergency; in one, it stays on until the danger is over.
+        moved = _moved(car, min(car.acceleration_m_s2, 0.0) if quiet else 0.0, way.times)[:, None]
+        touches = way.touched & (way.rear < moved + car.length_m / 2) & (way.front > moved - car.length_m / 2)
         touches &= way.front[0] > -car.length_m / 2  # nothing is gained by braking for what comes from behind
-        soon = touches[way.times <= self.braking_ttc_s].any() and car.speed_m_s > 0.1
+        soon = touches[way.times <= self.braking_ttc_s].any() and car.speed_m_s > (_AEB_FROM_M_S if quiet else 0.1)
         if not soon:
             self._alarm_ns = None
-        elif self._alarm_ns is None:
+        elif quiet:
             self._alarm_ns = car.time_ns
         return self._alarm_ns is not None and car.time_ns + car.dt_s * NS_PER_S / 2 >= self._alarm_ns + (
             self.braking_delay_s * NS_PER_S
@@ -148,10 +209,25 @@ class IdmAeb(Planner):
         for k, identity in enumerate(tracks.id.tolist()):
             before = known.get(identity)
             if before is not None and speed[k] > 2 * _SLOWEST_M_S and car.time_ns > before[0]:
-                measured = float(wrap_angle(direction[k] - before[1])) / ((car.time_ns - before[0]) / NS_PER_S)
-                rates[k] = 0.7 * before[2] + 0.3 * float(np.clip(measured, -1.0, 1.0))
+                turned = float(wrap_angle(direction[k] - before[1])) + car.turned_rad
+                rates[k] = _smoothed(before[2], turned, (car.time_ns - before[0]) / NS_PER_S, float(speed[k]))
             self._headings[identity] = (car.time_ns, float(direction[k]), float(rates[k]))
         return rates
+
+
+def _smoothed(rate: float, turned: float, passed_s: float, speed: float) -> float:
+    """Return the turn rate, rad/s, of a track that had one before and has turned by an angle, rad, since."""
+    most, weight = _LATERAL_M_S2 / speed, math.exp(-passed_s / _TURNING_S)
+    return weight * rate + (1 - weight) * min(max(turned / passed_s, -most), most)
+
+
+def _moved(car: PlannedCar, acceleration: float, times: Floats) -> Floats:
+    """Return how far (T,) m the car comes, until it stands or is as fast as the limit; 0 before now."""
+    times = np.maximum(times, 0.0)
+    final = max(car.speed_m_s, float(car.route.speed_limit_m_s[0])) if acceleration > 0 else 0.0
+    changing = times if acceleration == 0 else np.minimum(times, (final - car.speed_m_s) / acceleration)
+    moved: Floats = (car.speed_m_s + acceleration / 2 * changing) * changing + final * (times - changing)
+    return moved
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,48 +236,78 @@ class _Occupied:
 
     Attributes:
         times: (T,) s from now, the first is now.
-        inside: (T, N) whether a track's body is within the width that the car needs.
+        inside: (T, N) whether a track's body is within the width that the car needs, with its margin.
+        touched: (T, N) whether it is within the width of the car itself.
+        aside: (T, N) m to the left of the route, of the body's middle.
         rear: (T, N) m along the route, of the body's rear.
         front: (T, N) m along the route, of the body's front.
+        speed: (N,) m/s.
         speed_along: (N,) m/s along the route now.
+        goes_along: (N,) whether it stands, or moves more along the route than across it now.
+        on_foot: (N,) whether it is a person.
     """
 
     times: Floats
     inside: Mask
+    touched: Mask
+    aside: Floats
     rear: Floats
     front: Floats
+    speed: Floats
     speed_along: Floats
+    goes_along: Mask
+    on_foot: Mask
 
 
-def _occupied(car: PlannedCar, turn_rate: Floats, horizon_s: float, margin_m: float) -> _Occupied:
+def _near(car: PlannedCar, horizon_s: float, margin_m: float) -> Mask:
+    """Return the mask (N,) of tracks that can come onto the route within the horizon: it saves most of the work."""
+    tracks = car.tracks
+    _, _, nearest = car.route.place(tracks.boxes.center[:, :2])
+    apart = np.hypot(*(tracks.boxes.center[:, :2] - car.route.points[nearest]).T)
+    reach = np.hypot(*tracks.velocity.T) * horizon_s + np.hypot(*tracks.boxes.size[:, :2].T) / 2
+    near: Mask = apart < reach + car.width_m / 2 + margin_m + car.route.spacing_m
+    return near
+
+
+def _occupied(car: PlannedCar, near: Mask, turn_rate: Floats, horizon_s: float, margin_m: float) -> _Occupied:
     """Predict tracks with constant speed and turn rate, and place them on the route."""
-    tracks, times = car.tracks, np.linspace(0.0, horizon_s, round(horizon_s / 0.1) + 1)
-    centers, yaw = _predicted(tracks, turn_rate, times)
+    tracks, times = car.tracks, np.linspace(0.0, horizon_s, round(horizon_s / _STEP_S) + 1)
+    speed = np.hypot(*tracks.velocity[near].T)
+    centers, yaw = _predicted(tracks, near, turn_rate, times)
     along, aside, nearest = car.route.place(centers.reshape(-1, 2))
     tangent = car.route.tangents[nearest]
-    angle = yaw.reshape(-1) - np.arctan2(tangent[:, 1], tangent[:, 0])
-    length, width = np.tile(tracks.boxes.size[:, :2], (len(times), 1)).T / 2
-    half_along = length * np.abs(np.cos(angle)) + width * np.abs(np.sin(angle))
-    half_aside = length * np.abs(np.sin(angle)) + width * np.abs(np.cos(angle))
-    shape = (len(times), len(tracks))
-    inside = np.abs(aside) < half_aside + car.width_m / 2 + margin_m
-    first = tangent.reshape(*shape, 2)[0]
-    speed_along: Floats = np.einsum("nd,nd->n", tracks.velocity, first)
+    shape = (len(times), len(speed))
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    east, north = tangent[:, 0].reshape(shape), tangent[:, 1].reshape(shape)
+    parallel, across = np.abs(cos * east + sin * north), np.abs(sin * east - cos * north)
+    length, width = tracks.boxes.size[near, :2].T / 2
+    half_along, half_aside = length * parallel + width * across, length * across + width * parallel
+    along, aside = along.reshape(shape), aside.reshape(shape)
+    free_m = np.abs(aside) - half_aside - car.width_m / 2
+    velocity = tracks.velocity[near]
+    speed_along = velocity[:, 0] * east[0] + velocity[:, 1] * north[0]
     return _Occupied(
         times,
-        inside.reshape(shape),
-        (along - half_along).reshape(shape),
-        (along + half_along).reshape(shape),
+        free_m < margin_m,
+        free_m < 0,
+        aside,
+        along - half_along,
+        along + half_along,
+        speed,
         speed_along,
+        (speed < _SLOWEST_M_S) | (speed_along > np.abs(velocity[:, 1] * east[0] - velocity[:, 0] * north[0])),
+        np.isin(tracks.label[near], _ON_FOOT),
     )
 
 
-def _predicted(tracks: Tracks, turn_rate: Floats, times: Floats) -> tuple[Floats, Floats]:
+def _predicted(tracks: Tracks, near: Mask, turn_rate: Floats, times: Floats) -> tuple[Floats, Floats]:
     """Return centres (T, N, 2) m and headings (T, N) rad of tracks with constant speed and turn rate."""
-    speed, direction = np.hypot(*tracks.velocity.T), np.arctan2(*tracks.velocity.T[::-1])
+    velocity = tracks.velocity[near]
+    speed, direction = np.hypot(*velocity.T), np.arctan2(*velocity.T[::-1])
+    speed = np.where(speed < _SLOWEST_M_S, 0.0, speed)
     turned = turn_rate * times[:, None]
     # The chord of an arc: its length is that of the arc times sinc of half the turn, its direction lies half-way.
     chord = speed * times[:, None] * np.sinc(turned / (2 * np.pi))
     towards = direction + turned / 2
     step = chord[..., None] * np.stack([np.cos(towards), np.sin(towards)], axis=-1)
-    return tracks.boxes.center[:, :2] + step, tracks.boxes.yaw + turned
+    return tracks.boxes.center[near, :2] + step, tracks.boxes.yaw[near] + turned

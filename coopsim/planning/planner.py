@@ -24,6 +24,7 @@ class PlannedCar:
         tracks: the policy's report for this observation, in the car's base frame, whose origin is the car's middle.
         speed_m_s: the car's own speed.
         acceleration_m_s2: the car's own acceleration.
+        turned_rad: change of the car's heading since the last call, by its odometry: tracks turn by as much against it.
         length_m: length of the car's body.
         width_m: width of the car's body.
         route: the way ahead.
@@ -35,6 +36,7 @@ class PlannedCar:
     tracks: Tracks
     speed_m_s: float
     acceleration_m_s2: float
+    turned_rad: float
     length_m: float
     width_m: float
     route: Route

@@ -8,6 +8,7 @@ import numpy as np
 
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import frozen
+from coopsim.support.kernels import njit
 from coopsim.types.units import Ints
 
 Command = int | float
@@ -63,11 +64,24 @@ class Route:
         Args:
             points: (M, 2) m in the car's base frame.
         """
-        apart = points[:, None] - self.points
-        nearest: Ints = np.argmin(np.einsum("mkd,mkd->mk", apart, apart), axis=1)
+        nearest = _nearest(np.ascontiguousarray(points), self.points)
         tangent, offset = self.tangents[nearest], points - self.points[nearest]
         along = nearest * self.spacing_m + np.einsum("md,md->m", offset, tangent)
         return along, tangent[:, 0] * offset[:, 1] - tangent[:, 1] * offset[:, 0], nearest
+
+
+@njit(cache=True, nogil=True)
+def _nearest(points: Floats, line: Floats) -> Ints:
+    """Return the number of the nearest point of a line (K, 2), the first of equals, for each of the points (M, 2)."""
+    nearest = np.zeros(len(points), np.int64)
+    for m in range(len(points)):
+        least = np.inf
+        for k in range(len(line)):
+            x, y = points[m, 0] - line[k, 0], points[m, 1] - line[k, 1]
+            apart = x * x + y * y
+            if apart < least:
+                least, nearest[m] = apart, k
+    return nearest
 
 
 @dataclass(frozen=True, slots=True, eq=False)

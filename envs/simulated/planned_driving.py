@@ -52,6 +52,7 @@ class PlannedDriving:
             tracks,
             state.speed_m_s,
             state.acceleration_m_s2,
+            float(agent.observation.odometry.xyz_yaw[3]),
             state.length_m,
             state.width_m,
             state.route,

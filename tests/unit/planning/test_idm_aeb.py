@@ -83,7 +83,7 @@ def drive(
         along = np.arange(121.0)
         limits = np.array([limit if bend(at + each) == 0 else bend(at + each) for each in along])
         route = Route(np.column_stack([along, np.zeros(121)]), 1.0, limits, np.full(121, right_of_way))
-        car = PlannedCar("cav_0", round(time_s * 1e9), DT_S, tracks, speed, acceleration, LENGTH_M, WIDTH_M, route)
+        car = PlannedCar("cav_0", round(time_s * 1e9), DT_S, tracks, speed, acceleration, 0.0, LENGTH_M, WIDTH_M, route)
         wanted = float(np.clip(driver.plan(car), -LARGEST_BRAKING_M_S2, LARGEST_ACCELERATION_M_S2))
         acceleration += float(np.clip(wanted - acceleration, -JERK_M_S3 * DT_S, JERK_M_S3 * DT_S))
         speed = max(speed + acceleration * DT_S, 0.0)
