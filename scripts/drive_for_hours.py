@@ -52,7 +52,7 @@ class Diary:
 
     def note(self, time_s: float, *, loud: bool) -> None:
         """Add the present state of the world."""
-        rows = self.world._traffic.fleet.rows
+        rows = self.world.fleet.rows
         for row in rows[rows["crashed"]]:
             if row["id"] not in self.crashed and loud:
                 print(f"  {time_s:.1f} s: {self.world.models[row['model']].name} crashed at", _place(row), flush=True)

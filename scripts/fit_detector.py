@@ -16,8 +16,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from clutter_motion import NEAR_M, ClutterMotion, Recurrence
-from detector_matches import GATE_M, OWN_M, Matches, read_matches
+from detector_matches import GATE_M, NEAR_M, OWN_M, ClutterMotion, Matches, Recurrence, read_matches
 from scipy.optimize import brentq, least_squares
 from scipy.special import logit, ndtr, ndtri, roots_hermitenorm
 from scipy.stats import rankdata
@@ -58,7 +57,7 @@ CONFUSION = ClassConfusion(
 """Confusion of the fitted detector.
 
 Measured: people and cyclists taken for each other, and the persistence, by PointRCNN on KITTI's 15 training sequences
-with detections (`scripts/measure_confusion.py`): 44 of 1,171 pedestrians were reported as cyclists, 14 of 420 cyclists
+with detections (`scripts/detector_matches.py`): 44 of 1,171 pedestrians were reported as cyclists, 14 of 420 cyclists
 as pedestrians; a wrong label is wrong again in the next frame (0.1 s later) with probability 0.48, as a Gaussian copula
 with correlation 0.8 gives. Assumed, because no detections here tell these classes apart: all other shares, which are
 between classes of neighbouring sizes. The detector's own recordings (V2V4Real) have one class only.

@@ -66,7 +66,8 @@ def _add_detect(parser: argparse.ArgumentParser) -> None:
     add("--boxes", default="detections", help="detections or tracks (default: %(default)s)")
     add_options(parser, "of the environments, as lidar=VLP-16 or detail=full")
     add("--jobs", type=count, help="episodes at once (default: as many as cores)")
-    add("--json", type=Path, metavar="OUT", help="write the rows here; episodes go to OUT.episodes and are run once")
+    add("--json", type=Path, metavar="OUT", help="write the rows here; episodes go to OUT.episodes, and are run once")
+    add("--episodes", type=Path, metavar="FOLDER", help="of the episodes that several tables share, such as protocols'")
     add("--table", action="store_true", help="print the rows as a Markdown table, also with --json")
 
 
@@ -110,7 +111,7 @@ def _run_detect(options: argparse.Namespace) -> int:
                 write_whole(out, as_json(rows))
 
         try:
-            measure_detection(plan, folder=_folder(out), engine=Engine(workers=options.jobs), on_progress=show)
+            measure_detection(plan, folder=_folder(options), engine=Engine(workers=options.jobs), on_progress=show)
         except KeyboardInterrupt:
             interrupted = True
     if options.table or out is None:
@@ -127,8 +128,9 @@ def _plan(options: argparse.Namespace) -> DetectPlan:
     return DetectPlan(**given, options=named_options(options, _FLAGS))
 
 
-def _folder(out: Path | None) -> Path | None:
-    return None if out is None else out.with_name(f"{out.name}.episodes")
+def _folder(options: argparse.Namespace) -> Path | None:
+    own: Path | None = options.json and options.json.with_name(f"{options.json.name}.episodes")
+    return options.episodes or own
 
 
 def _conclude(failed: int, interrupted: bool, rows: Sequence[Mapping[str, Any]], out: Path | None) -> int:

@@ -78,6 +78,9 @@ def test_a_run_goes_on_and_another_protocol_runs_nothing(here: list[DetectJob], 
     assert len(here) == 2 and more[0] == first[0]
     opencood = _detect(out, "--policies", "no_fusion,late_fusion", "--seeds", "0", "--protocol", "opencood")
     assert len(here) == 2 and [row["protocol"] for row in opencood] == ["opencood"] * 2
+    shared = ["--episodes", str(tmp_path / "out.json.episodes")]
+    more = ["--policies", "no_fusion,late_fusion", "--seeds", "0", "--protocol", "dair", *shared]
+    assert len(_detect(tmp_path / "dair.json", *more)) == len(here) == 2
     assert opencood[0]["APBEV@0.5"] != first[0]["APBEV@0.5"]
 
 
