@@ -17,7 +17,7 @@ from coopsim.envs.frames import FrameSource
 from coopsim.envs.options import CommonOptions, require_truth_exposed, sort_options
 from coopsim.envs.parallel import CooperativeEnv
 from coopsim.envs.replay import Replay, TextOptions
-from coopsim.envs.scoring import MotaReward, Reward
+from coopsim.envs.rewards import DriveReward, DriveStep, MotaReward, Reward, RewardOption, SafeProgress
 from coopsim.envs.sensor_replay import RecordedOptions, SensorReplay
 from coopsim.envs.simulated.record_episode import as_recorded
 from coopsim.envs.simulated.scenario_file import load_scenario_file
@@ -38,8 +38,11 @@ __all__ = [
     "IDLE",
     "MANEUVERS",
     "CooperativeEnv",
+    "DriveReward",
+    "DriveStep",
     "MotaReward",
     "Reward",
+    "SafeProgress",
     "file_env",
     "replay_env",
     "simulation_env",
@@ -58,7 +61,7 @@ VERSION = 2
 
 
 def simulation_env(
-    scenario: str | Place, name: str, /, *, density: float = 1.0, reward: Reward | None = None, **options: Any
+    scenario: str | Place, name: str, /, *, density: float = 1.0, reward: RewardOption = None, **options: Any
 ) -> CooperativeEnv:
     """Make a simulated environment.
 
@@ -66,7 +69,7 @@ def simulation_env(
         scenario: name of the scenario, or a custom place; "town" draws a place for each episode.
         name: the environment's id.
         density: a factor on the numbers of vehicles and people.
-        reward: turns a frame's counts into a reward; None is `MotaReward`.
+        reward: reward by name or as an object, see `coopsim.envs.rewards`; None is "mota".
         **options: fields of `CommonOptions`, `SimulationOptions` and `Population`; for "town" also of `TownOptions` and
             `PlaceSeeds`.
     """
@@ -94,7 +97,7 @@ def simulation_env(
 
 
 def situation_env(
-    situation: str | Callable[..., Situation], name: str, /, *, reward: Reward | None = None, **options: Any
+    situation: str | Callable[..., Situation], name: str, /, *, reward: RewardOption = None, **options: Any
 ) -> CooperativeEnv:
     """Make the environment of a situation.
 
@@ -104,7 +107,7 @@ def situation_env(
     Args:
         situation: name of the situation, or a class of situations.
         name: the environment's id.
-        reward: turns a frame's counts into a reward; None is `MotaReward`.
+        reward: reward by name or as an object, see `coopsim.envs.rewards`; None is "mota".
         **options: fields of `CommonOptions`, `SimulationOptions` and of the situation's class.
     """
     kind = SITUATIONS.get(situation) if isinstance(situation, str) else situation
@@ -160,7 +163,7 @@ def replay_env(
     *,
     path: str | Path | None = None,
     format: str = AUTO,  # noqa: A002  (the word for it)
-    reward: Reward | None = None,
+    reward: RewardOption = None,
     **options: Any,
 ) -> CooperativeEnv:
     """Make an environment from a folder of recordings: of detections in text files, or with sweeps.
@@ -169,7 +172,7 @@ def replay_env(
         name: the environment's id.
         path: the folder; there is no default.
         format: format of the folder: "text", "opv2v" (V2XSet, too), "v2v4real", "spd" or "kitti"; "auto" finds it.
-        reward: turns a frame's counts into a reward; None is `MotaReward`.
+        reward: reward by name or as an object, see `coopsim.envs.rewards`; None is "mota".
         **options: fields of `CommonOptions` and of `TextOptions` (see `Replay`) or `RecordedOptions`, by the format.
     """
     require_choice("format", format, FORMATS)

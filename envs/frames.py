@@ -133,6 +133,11 @@ class FrameSource(ABC):
         return {}
 
     @property
+    def driven(self) -> tuple[str, ...]:
+        """Names of the agents whose frames have the state of a driven car; empty where there are none."""
+        return ()
+
+    @property
     def conflicts(self) -> tuple[int, ...]:
         """Ids of the actors that the running episode's situation sets on a collision course with the ego."""
         return ()

@@ -25,14 +25,16 @@ from coopsim.comms.channel.channel import ChannelCounts
 from coopsim.envs.exchange import Exchange, make_uplinks
 from coopsim.envs.frames import Frame, FrameProbe, FrameSource, actor_rows, truth_infos
 from coopsim.envs.options import CommonOptions
-from coopsim.envs.scoring import DriveRecorder, MotaReward, Reward, ScoredView, Scorer
+from coopsim.envs.rewards import RewardOption
+from coopsim.envs.scoring import DriveRecorder, Rewards, ScoredView, Scorer
 from coopsim.errors import EpisodeStateError, InvalidValueError, RecordingError, UnknownNameError
 from coopsim.metrics.drive_log import DriveLog
 from coopsim.metrics.score import Score, summarize
 from coopsim.metrics.track_log import TrackLog
-from coopsim.support.checks import require_choice, require_instance
-from coopsim.support.rng import require_seed
+from coopsim.support.checks import require_choice
+from coopsim.support.rng import fresh_seed, require_seed
 from coopsim.types import NS_PER_S, AgentSpec, CameraImage, Tracks
+from coopsim.types.driving import CarState
 from coopsim.viz.bev import BevFrame
 from coopsim.wire.actions import action_space, idle, unpack_actions
 from coopsim.world.snapshot import RoadMap
@@ -68,7 +70,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     `ends_on_crash` it terminates, for all agents, when a driven car crashes; otherwise crashes do not end it.
     """
 
-    def __init__(self, source: FrameSource, options: CommonOptions, reward: Reward | None = None) -> None:
+    def __init__(self, source: FrameSource, options: CommonOptions, reward: RewardOption = None) -> None:
         self._source, self._options = source, options
         # Made now, too, so that a wrong setting is refused here, not at the first episode.
         self._contents = {name: each.content for name, each in make_uplinks(options, source.specs, seed=0).items()}
@@ -76,12 +78,11 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         for option, agents in options.channel_config.agents_by_option.items():
             for agent in agents:
                 require_choice(f"agent in {option}", agent, source.specs)
-        require_instance(Reward, reward=reward)
-        self._reward = MotaReward() if reward is None else reward
+        dt_s = next(iter(source.specs.values())).dt_s
+        self._rewards = Rewards(reward, dt_s, drives=len(source.driven) > 0)
         self.possible_agents = list(source.specs)
         self.agents: list[str] = []
         self.render_mode = options.render_mode
-        dt_s = next(iter(source.specs.values())).dt_s
         self.metadata = {
             "name": source.name,
             "render_modes": ["rgb_array", "human"],
@@ -211,15 +212,14 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         tracks, commands = unpack_actions(self.agents, actions, driving)
         self._halfway = True
         counts = self._scorer.update(frame.agents, tracks)
-        frame = self._frame = replace(frame, probe=FrameProbe())  # frees the scene that is over
-        self._view.update(frame, tracks)
-        over = frame
+        over = self._frame = replace(frame, probe=FrameProbe())  # frees the scene that is over
+        self._view.update(over, tracks)
         self._frame = frame = self._source.advance(commands, tracks)
         self._drives.update(over, tracks, frame)
         observations = self._observe(frame)
         reported = self.agents
         self.agents = [] if frame.last else list(frame.agents)
-        rewards = {name: self._reward(counts[name]) for name in reported}
+        rewards = {name: self._rewards.of(counts[name], over.agents[name], frame.agents.get(name)) for name in reported}
         truth = self._truths(frame)
         infos = {name: {"counts": counts[name].as_dict(), **truth.get(name, {})} for name in reported}
         self._show_if_human()
@@ -276,6 +276,11 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         """Logs of the drives, by the agents whose cars a planner or accelerations drive."""
         self._current()
         return self._drives.logs
+
+    @property
+    def cars(self) -> dict[str, CarState]:
+        """States of the cars that a planner or accelerations drive, by agent: what their drivers know of them."""
+        return {name: agent.car for name, agent in self._current().agents.items() if agent.car is not None}
 
     @property
     def time_ns(self) -> int:
@@ -393,8 +398,3 @@ def space_of(agent: str, by_agent: Mapping[str, AgentSpace]) -> AgentSpace:
     except (KeyError, TypeError):  # learners ask for spaces in every step: a name that is there costs no check
         require_choice("agent", agent, by_agent)
         raise
-
-
-def fresh_seed() -> int:
-    """Return a random seed."""
-    return int(np.random.SeedSequence().generate_state(1)[0])

@@ -1,40 +1,21 @@
-"""Scores of reported tracks, rewards, and the picture of the frame that was scored last."""
+"""Scores of reported tracks, rewards, logs of drives, and the picture of the frame that was scored last."""
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.envs.frames import AgentFrame, Frame, world_points
+from coopsim.envs.rewards import DriveReward, DriveStep, Reward, RewardOption, make_reward
+from coopsim.errors import InvalidValueError
 from coopsim.metrics.drive_log import DriveFrame, DriveLog
 from coopsim.metrics.evaluator import Evaluator, FrameCounts
 from coopsim.types import Mask, Tracks, stack_xyz_yaw
 from coopsim.viz.bev import BevFrame, BevRenderer
 from coopsim.world.snapshot import RoadMap
-
-
-class Reward(ABC):
-    """A rule that turns one frame's counts into one agent's reward."""
-
-    @abstractmethod
-    def __call__(self, counts: FrameCounts) -> float:
-        """Return the reward for a frame with these counts."""
-
-
-class MotaReward(Reward):
-    """The frame's own MOTA as a reward: 1 - (FP + FN + IDSW) / GT, clipped at -1.
-
-    A frame without ground truth gives 1 if nothing is reported, else the clipped value for GT = 1.
-    """
-
-    def __call__(self, counts: FrameCounts) -> float:
-        """Return the frame's MOTA."""
-        errors = counts.fp + counts.fn + counts.idsw
-        return max(-1.0, 1.0 - errors / max(counts.gt, 1))
 
 
 class Scorer:
@@ -63,6 +44,35 @@ class Scorer:
         x, y = np.abs(tracks.boxes.center[:, :2]).T
         inside: Mask = (x <= self._region_m[0]) & (y <= self._region_m[1])
         return inside
+
+
+class Rewards:
+    """Rewards of the steps of agents.
+
+    Args:
+        reward: the option `reward`.
+        dt_s: duration of a step.
+        drives: there are agents whose cars planners or accelerations drive.
+
+    Raises:
+        UnknownNameError, InvalidValueError: the reward is not accepted, or is of drives and there are none.
+    """
+
+    def __init__(self, reward: RewardOption, dt_s: float, *, drives: bool) -> None:
+        self._reward, self._dt_s = make_reward(reward), dt_s
+        if isinstance(self._reward, DriveReward) and not drives:
+            raise InvalidValueError(
+                f'reward {reward!r} is of driven cars: it needs a simulation with control="acceleration" or "planner"'
+            )
+
+    def of(self, counts: FrameCounts, before: AgentFrame, after: AgentFrame | None) -> float:
+        """Return the reward of an agent's step between two frames; in the second it may be gone."""
+        if isinstance(self._reward, Reward):
+            return self._reward(counts)
+        if before.car is None or after is None or after.car is None:
+            return 0.0
+        moved = before.body.world_SE3_base.inverse().apply(after.body.world_SE3_base.translation)[:2]
+        return self._reward(DriveStep(counts, self._dt_s, before.car, after.car, moved))
 
 
 class DriveRecorder:

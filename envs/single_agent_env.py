@@ -19,9 +19,12 @@ from coopsim.errors import CoopsimError, EpisodeStateError, InvalidValueError
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import derived_seed, require_seed
 from coopsim.types import Tracks
-from coopsim.wire.actions import act_of, idle, pack_tracks
+from coopsim.wire.actions import act_of, idle, pack_tracks, unpack_action
 
 Packed = dict[str, Any]
+
+_OVER = "the episode is over: call reset to begin another"
+_HALFWAY = "the last step ended halfway in an error: call reset to begin an episode"
 
 
 class SingleAgentEnv(gymnasium.Env[Packed, Any]):
@@ -104,6 +107,7 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         whole = self.parallel.action_space(self.ego)
         self.action_space = whole if tracker is None or self._command is None else whole[self._command]
         self._observations: dict[str, Packed] = {}
+        self._present: tuple[str, ...] = ()
         self._infos: dict[str, dict[str, Any]] = {}
         self._policies_actions: dict[str, Packed] | None = None
         self._refusal: str | None = "there is no episode yet: call reset first"
@@ -130,7 +134,7 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         if self.ego not in observations:
             raise EpisodeStateError(f"{self.ego} is not in the episode's first frame: {sorted(observations)} are")
         self._observations, self._policies_actions, self._refusal = observations, None, None
-        self._infos = infos
+        self._present, self._infos = tuple(observations), infos
         return self._own(observations[self.ego]), self._told(infos[self.ego])
 
     def step(self, action: Any) -> tuple[Packed, float, bool, bool, dict[str, Any]]:
@@ -145,20 +149,29 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         """
         if self._refusal is not None:
             raise EpisodeStateError(self._refusal)
-        if self._policies_actions is None:
-            self._refusal = "the last step ended halfway in an error: call reset to begin an episode"
-            self._policies_actions = self._ask_policies()
-            self._refusal = None
-        actions = self._policies_actions | {self.ego: self._whole(action)}
+        policies_actions = self._ask_policies()
+        actions = policies_actions | {self.ego: self._whole(action, policies_actions)}
         observations, rewards, terminations, truncations, infos = self.parallel.step(actions)
         self._observations, self._policies_actions = self._observations | observations, None
-        self._infos = infos
+        self._present, self._infos = tuple(observations), infos
         terminated = terminations[self.ego]
         truncated = not terminated and (truncations[self.ego] or self.ego not in self.parallel.agents)
         if terminated or truncated:
-            self._refusal = "the episode is over: call reset to begin another"
+            self._refusal = _OVER
         seen, told = self._own(self._observations[self.ego]), self._told(infos[self.ego])
         return seen, rewards[self.ego], terminated, truncated, told
+
+    def reported_tracks(self, agent: str) -> Tracks:
+        """Return the tracks that an agent's policy reports for the last observation, in the agent's base frame.
+
+        Raises:
+            UnknownNameError: no policy reports the tracks of this agent; the message lists those that have one.
+            EpisodeStateError: there is no episode yet, or the last step ended halfway in an error.
+        """
+        require_choice("agent with a policy", agent, self.policies)
+        if self._refusal not in (None, _OVER):
+            raise EpisodeStateError(str(self._refusal))
+        return unpack_action(agent, {"tracks": self._ask_policies()[agent]["tracks"]})[0]
 
     def render(self) -> NDArray[np.uint8] | None:
         """Draw the scene from above; see `CooperativeEnv.render`."""
@@ -174,10 +187,16 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
 
     def _ask_policies(self) -> dict[str, Packed]:
         """Return the actions of all agents that are present; those without a policy report nothing."""
-        present = self.parallel.agents
-        actions = {agent: action for agent, action in self._silent.items() if agent in present}
+        if self._policies_actions is None:
+            refusal, self._refusal = self._refusal, _HALFWAY
+            self._policies_actions = self._asked()
+            self._refusal = refusal
+        return self._policies_actions
+
+    def _asked(self) -> dict[str, Packed]:
+        actions = {agent: action for agent, action in self._silent.items() if agent in self._present}
         for policy, served in self._groups:
-            if seen := {agent: self._observations[agent] for agent in served if agent in present}:
+            if seen := {agent: self._observations[agent] for agent in served if agent in self._present}:
                 actions |= act_of(policy, seen, self._infos)
         return actions
 
@@ -189,14 +208,13 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         """Return a copy of the observation: gymnasium wants no two to share an array, and a recording repeats its."""
         return {key: _copied(packed[key]) for key in self.observation_space}
 
-    def _whole(self, action: Any) -> Any:
+    def _whole(self, action: Any, policies_actions: Mapping[str, Packed]) -> Any:
         """Return the ego's action as the environment of all agents takes it, which checks it."""
         if not self._tracked:
             return action
         if isinstance(action, np.ndarray) and action.shape == ():  # gymnasium counts these as elements of Discrete
             action = action[()]
-        assert self._policies_actions is not None
-        return self._policies_actions[self.ego] | {self._command: action}
+        return policies_actions[self.ego] | {self._command: action}
 
 
 def _chosen_ego(env: CooperativeEnv, ego: object) -> str:

@@ -25,6 +25,7 @@ def _run_list(options: argparse.Namespace) -> int:
     from coopsim.data.export.export_format import EXPORT_FORMATS
     from coopsim.detection.detector import DETECTORS
     from coopsim.detection.embedder import EMBEDDERS
+    from coopsim.envs.rewards import REWARDS
     from coopsim.learn.recipe import RECIPES
     from coopsim.metrics.metric import METRICS
     from coopsim.sensors.camera.camera import RIG_NAMES
@@ -39,6 +40,7 @@ def _run_list(options: argparse.Namespace) -> int:
         "codecs": [f"{name} ({CODECS.get(name).content})" for name in CODECS],
         "camera rigs": RIG_NAMES,
         "metrics": METRICS.names(),
+        "rewards": REWARDS.names(),
         "export formats": [_with_aliases(EXPORT_FORMATS, name) for name in EXPORT_FORMATS],
         "presets": PRESETS,
         "recipes": RECIPES,

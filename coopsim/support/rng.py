@@ -43,6 +43,11 @@ def stream(seed: int, purpose: str, *owners: str) -> np.random.Generator:
     return np.random.Generator(drawn)
 
 
+def fresh_seed() -> int:
+    """Return a random seed."""
+    return int(np.random.SeedSequence().generate_state(1)[0])
+
+
 def derived_seed(seed: int, purpose: str, *owners: str) -> int:
     """Return a seed for what users plug in, below 2**63: a digest of the seed, the purpose and the owners."""
     require_seed(seed)

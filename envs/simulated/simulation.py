@@ -84,6 +84,11 @@ class Simulation(FrameSource):
         return self._episode.advance(commands, tracks)
 
     @property
+    def driven(self) -> tuple[str, ...]:
+        """Names of the cars that a planner or accelerations drive; see `FrameSource.driven`."""
+        return () if self._options.control == "policy" else self._driven
+
+    @property
     def episode_infos(self) -> dict[str, Any]:
         """The seed of the place, where it was drawn."""
         place_seed = self._scenario.place_seed

@@ -10,7 +10,6 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from coopsim.envs.parallel import fresh_seed
 from coopsim.envs.vector.environments import Description, Failure, Order, Reply, Transition, Value
 from coopsim.envs.vector.workers import Pool, Round
 from coopsim.errors import (
@@ -20,7 +19,7 @@ from coopsim.errors import (
     LostEnvironmentsError,
     UnknownNameError,
 )
-from coopsim.support.rng import require_seed, stream
+from coopsim.support.rng import fresh_seed, require_seed, stream
 
 MASK = "reset_mask"
 

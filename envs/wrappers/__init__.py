@@ -6,13 +6,15 @@ one (`coopsim.single_env`, `gymnasium.make`), and return a wrapper of the same k
 | wrapper | observations | actions |
 |---|---|---|
 | `FixedSize` | the nearest or surest boxes in rows of fixed number: a `Dict` of `Box` | |
+| `DrivingRows` | a car's motion, route and nearest tracks: a `Dict` of `Box` | |
 | `BevImage` | a square picture around the agent: a `Box` (C, H, W) | |
 | `Flatten` | all of these as one (N,) `Box`; a picture by itself stays one | |
 | `Driving` | | maneuvers alone, a `Discrete`; a policy tracks |
 | `FixedTracks` | | tracks, and the maneuver of a driver, as one (N,) `Box` |
 | `WithoutInfos` | the same, and empty infos, as TorchRL needs them | |
 
-`FixedSize` and `BevImage` around each other give a `Dict` with the arrays of both. What changes actions comes first:
+`FixedSize`, `DrivingRows` and `BevImage` around each other give a `Dict` with the arrays of all. What changes actions
+comes first:
 
 ```python
 env = coopsim.parallel_env("crossing", control="policy")
@@ -20,6 +22,7 @@ env = Flatten(FixedSize(Driving(env, tracker="late_fusion"), detections=16, orde
 ```
 
 No truth is in any of it: all comes from the agent's own observation, and the map is placed by its estimated pose.
+`DrivingRows` shows what a planner is given: its tracker's tracks, its car's own motion, and the route.
 """
 
 from __future__ import annotations
@@ -39,13 +42,14 @@ from coopsim.envs.wrappers.base_wrappers import (
     cooperative_env,
 )
 from coopsim.envs.wrappers.bev_image import BevImageView
+from coopsim.envs.wrappers.driving_rows import DrivingRowsView
 from coopsim.envs.wrappers.driving_wrapper import Driving
 from coopsim.envs.wrappers.fixed_size import FixedSizeView
 from coopsim.envs.wrappers.flat import FlatForm, WithoutInfos
 from coopsim.envs.wrappers.received import View, Views
 from coopsim.envs.wrappers.track_rows import TrackRows
 
-__all__ = ["BevImage", "Driving", "FixedSize", "FixedTracks", "Flatten", "WithoutInfos"]
+__all__ = ["BevImage", "Driving", "DrivingRows", "FixedSize", "FixedTracks", "Flatten", "WithoutInfos"]
 
 
 def FixedSize(env: Any, **options: Any) -> Any:
@@ -66,6 +70,25 @@ def FixedSize(env: Any, **options: Any) -> Any:
         UnknownNameError: there is no such option or order; the message lists those that there are.
     """
     return _viewed(env, _made(FixedSizeView, options))
+
+
+def DrivingRows(env: Any, **options: Any) -> Any:
+    """Show the knowledge by which a car drives: its motion, its route, its tracks; see `driving_rows`.
+
+    Args:
+        env: a single-agent environment with `control="acceleration"` and a `tracker`, or `Driving` around a parallel
+            one with such control.
+        **options: fields of `DrivingRowsView`: `tracks`, `points`, `ahead_m`, `reach_m`.
+
+    Returns:
+        A wrapper of the same kind. It shows a dict of float32 arrays in [-1, 1]: `car` (4,), `route` (10, 4), `tracks`
+        (16, 20), and `tracks_mask` (16,): 1 for a row with a track, 0 for padding.
+
+    Raises:
+        InvalidValueError: a value is not accepted, or `env` has no cars that accelerations drive, or no tracker.
+        UnknownNameError: there is no such option; the message lists those that there are.
+    """
+    return _viewed(env, _made(DrivingRowsView, options))
 
 
 def BevImage(env: Any, **options: Any) -> Any:
@@ -91,7 +114,7 @@ def Flatten(env: Any) -> Any:
     """Show all arrays of an observation as one (N,) float32 array; a picture by itself stays one.
 
     Args:
-        env: a parallel or single-agent environment within `FixedSize`, `BevImage` or both.
+        env: a parallel or single-agent environment within `FixedSize`, `DrivingRows`, `BevImage` or several of them.
 
     Raises:
         InvalidValueError: `env` has observations of no fixed shape.

@@ -30,6 +30,13 @@ class ObservationForm(ABC):
             InvalidValueError: the form is not for such observations.
         """
 
+    def bind(self, env: Any) -> None:
+        """Take over the environment within the wrapper, once, before its first episode.
+
+        Raises:
+            InvalidValueError: the form is not for such an environment.
+        """
+
     def begin(self, env: CooperativeEnv) -> None:
         """Begin an episode of this environment, and forget the last one."""
 
@@ -91,6 +98,7 @@ class ObservingParallel(BaseParallelWrapper[str, Any, Any]):  # type: ignore[mis
     def __init__(self, env: ParallelEnv[str, Any, Any], form: ObservationForm) -> None:
         super().__init__(env)
         self._cooperative, self.form = cooperative_env(env), form
+        form.bind(env)
         self._spaces = {name: form.space(env.observation_space(name)) for name in env.possible_agents}
 
     def observation_space(self, agent: str) -> AnySpace:
@@ -151,6 +159,7 @@ class ObservingSingle(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorAr
         RecordConstructorArgs.__init__(self, form=form)  # of which env.spec makes the wrapper again
         super().__init__(env)
         self._cooperative, self.form = cooperative_env(env), deepcopy(form)
+        self.form.bind(env)
         self.observation_space = self.form.space(env.observation_space)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:

@@ -16,8 +16,10 @@ from coopsim.envs.parallel import space_of
 from coopsim.envs.roles import Roles
 from coopsim.envs.wrappers.base_wrappers import ByAgent, Stepped, cooperative_env
 from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError
+from coopsim.support.checks import require_choice
 from coopsim.support.rng import derived_seed
-from coopsim.wire.actions import command_space
+from coopsim.types import Tracks
+from coopsim.wire.actions import command_space, unpack_action
 
 
 class Driving(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pettingzoo is untyped
@@ -99,20 +101,31 @@ class Driving(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pett
         if not self.agents:
             raise EpisodeStateError("there is no running episode: call reset to begin one")
         chosen = self._checked(actions)
-        if self._actions is None:  # a rejected action must not make the tracker see a frame twice
-            self._actions = self.tracker.act(self._observations)
-        taken = dict(self._actions)
+        taken = dict(self._tracked())
         for name, command in chosen.items():
             taken[name] = taken[name] | {self._commands[name]: command}
         observations, *rest = self.env.step(taken)
         self._observed(observations)
         return (self._of_drivers(observations), *(self._of_drivers(each) for each in rest))  # type: ignore[return-value]
 
+    def reported_tracks(self, agent: str) -> Tracks:
+        """Return the tracks that the policy reports for an agent's last observation, in the agent's base frame.
+
+        Raises:
+            UnknownNameError: the agent is not present; the message lists those that are.
+        """
+        require_choice("agent", agent, self._observations)
+        return unpack_action(agent, {"tracks": self._tracked()[agent]["tracks"]})[0]
+
+    def _tracked(self) -> ByAgent:
+        """Return the tracker's actions; it must see no frame twice, whatever commands are refused."""
+        if self._actions is None:
+            self._actions = self.tracker.act(self._observations)
+        return self._actions
+
     def _observed(self, observations: ByAgent) -> None:
-        present = self.env.agents
-        self._observations = {name: observations[name] for name in present}
-        self._actions = None
-        self.agents = [name for name in present if name in self._spaces]
+        self._observations, self._actions = observations, None
+        self.agents = [name for name in self.env.agents if name in self._spaces]
 
     def _of_drivers(self, by_agent: ByAgent) -> ByAgent:
         return {name: each for name, each in by_agent.items() if name in self._spaces}

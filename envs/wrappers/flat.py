@@ -39,7 +39,9 @@ def _parts(space: AnySpace) -> list[spaces.Box]:
     parts = [space[name] for name in sorted(space.spaces)] if isinstance(space, spaces.Dict) else [space]
     boxes = [part for part in parts if isinstance(part, spaces.Box)]
     if len(boxes) < len(parts):
-        raise InvalidValueError(f"env must be wrapped in FixedSize or BevImage before Flatten: it has {kind_of(space)}")
+        raise InvalidValueError(
+            f"env must be wrapped in FixedSize, DrivingRows or BevImage before Flatten: it has {kind_of(space)}"
+        )
     return boxes
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
+import gymnasium
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -16,11 +17,12 @@ from coopsim.comms.codecs.codec import decoder
 from coopsim.comms.decode_once import DecodeOnce
 from coopsim.comms.envelope import decode_detections, decode_points, decode_queries, decode_tracks
 from coopsim.envs.parallel import CooperativeEnv
-from coopsim.envs.wrappers.base_wrappers import AnySpace, ObservationForm, kind_of
+from coopsim.envs.wrappers.base_wrappers import AnySpace, ObservationForm, cooperative_env, kind_of
 from coopsim.errors import CodecError, InvalidValueError
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.localization.odometry import OdometryFrame
-from coopsim.types import NS_PER_S, AgentSpec, Ints, Mask, Message, Observation
+from coopsim.types import NS_PER_S, AgentSpec, Ints, Mask, Message, Observation, Tracks
+from coopsim.types.driving import CarState
 from coopsim.types.taxonomy import CLASS_NAMES
 from coopsim.wire.observation_format import ObservationFormat
 from coopsim.world.snapshot import RoadMap
@@ -30,16 +32,35 @@ Arrays = dict[str, NDArray[Any]]
 
 @dataclass(eq=False)
 class Scene:
-    """Knowledge of one agent in one frame."""
+    """Knowledge of one agent in one frame.
+
+    Attributes:
+        observation: observation of the agent.
+        inbox: reader of its messages.
+        agent: name of the agent.
+        env: environment within the wrapper.
+    """
 
     observation: Observation
     inbox: Inbox
     agent: str
+    env: Any
 
     @cached_property
     def received(self) -> Received:
         """Content of the messages that arrived, in the agent's base frame now."""
         return self.inbox.read(self.agent, self.observation)
+
+    @property
+    def car(self) -> CarState:
+        """State of the agent's driven car."""
+        return cooperative_env(self.env).cars[self.agent]
+
+    @property
+    def tracks(self) -> Tracks:
+        """Tracks that the agent's tracker reports for this observation, in the agent's base frame."""
+        tracks: Tracks = reporter(self.env).reported_tracks(self.agent)
+        return tracks
 
 
 class View(ABC):
@@ -56,6 +77,13 @@ class View(ABC):
     def spaces(self) -> dict[str, spaces.Box]:
         """Return new spaces of the arrays, by name: of each its shape, its dtype and the bounds of its numbers."""
 
+    def require(self, env: Any) -> None:
+        """Require an environment, that within the wrapper, whose scenes the view can show.
+
+        Raises:
+            InvalidValueError: it lacks something.
+        """
+
     def begin(self, road_map: RoadMap) -> None:
         """Take over the map of an episode that begins."""
 
@@ -65,6 +93,12 @@ class View(ABC):
 
         All that has a place is in the agent's base frame now (m, rad), or in pixels of a picture around it.
         """
+
+
+def reporter(env: Any) -> Any:
+    """Return the environment or wrapper whose `reported_tracks` tell an agent's tracks; None: its action has them."""
+    tracked = env.unwrapped if isinstance(env, gymnasium.Env) else env
+    return tracked if hasattr(tracked, "reported_tracks") else None
 
 
 class Views(ObservationForm):
@@ -93,6 +127,11 @@ class Views(ObservationForm):
         parts: dict[str, AnySpace] = {name: space for view in self.views for name, space in view.spaces().items()}
         return spaces.Dict(parts) if self._alone is None else parts[self._alone]
 
+    def bind(self, env: Any) -> None:
+        for view in self.views:
+            view.require(env)
+        self._env = env
+
     def begin(self, env: CooperativeEnv) -> None:
         specs = env.agent_specs
         self._format, self._inbox = ObservationFormat.to_unpack(specs), Inbox(specs)
@@ -104,7 +143,9 @@ class Views(ObservationForm):
 
     def observe_all(self, observations: Mapping[str, Any]) -> dict[str, Any]:
         unpacked = self._format.unpack_all(observations)
-        return {name: self._show(Scene(observation, self._inbox, name)) for name, observation in unpacked.items()}
+        return {
+            name: self._show(Scene(observation, self._inbox, name, self._env)) for name, observation in unpacked.items()
+        }
 
     def _show(self, scene: Scene) -> Any:
         self._inbox.follow(scene.agent, scene.observation)

@@ -297,7 +297,7 @@ def test_a_refused_maneuver_changes_nothing(make_small: Make) -> None:
         (lambda env: BevImage(env, channels=("roads",)), "unknown channel 'roads'"),
         (lambda env: FixedSize(FixedSize(env)), "env has such a wrapper already: detections"),
         (lambda env: FixedSize(Flatten(BevImage(env))), "coopsim's own observations, which no wrapper changed"),
-        (Flatten, "must be wrapped in FixedSize or BevImage before Flatten"),
+        (Flatten, "must be wrapped in FixedSize, DrivingRows or BevImage before Flatten"),
         (lambda env: FixedTracks(Driving(env)), "coopsim's own actions, which no wrapper changed"),
         (lambda env: Driving(FixedTracks(env)), "coopsim's own actions, which no wrapper changed"),
         (lambda env: Driving(env, tracker="late_fusionn"), "unknown policy 'late_fusionn'"),

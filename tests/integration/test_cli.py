@@ -303,6 +303,7 @@ def test_list_names_everything(capsys: pytest.CaptureFixture[str]) -> None:
         "village.yaml",
         "pointpillars_v2v4real",
         "attfuse_together",
+        "mota, safe_progress",
     ):
         assert name in out
     for name in ("town-v2", "sparse_features (features)", "compact (detections)", "queries, tracks", "quick"):

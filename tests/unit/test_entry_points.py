@@ -15,6 +15,7 @@ from coopsim.comms.codecs.detection_codec import DetectionsCodec
 from coopsim.comms.uplinks.share_detections import ShareDetections
 from coopsim.detection.detector import NoDetector
 from coopsim.detection.embedder import Embedder
+from coopsim.envs import Reward
 from coopsim.metrics.metric import Metric
 import numpy as np
 
@@ -26,6 +27,11 @@ class MyEmbedder(Embedder):
     dim = 2
     def embed(self, detections, view):
         return np.ones((len(detections), 2))
+class MyReward(Reward):
+    def __init__(self, *, worth=1.0):
+        self.worth = worth
+    def __call__(self, counts):
+        return self.worth
 class MyMetric(Metric):
     meaning = "one"
     def value(self, pool):
@@ -45,6 +51,8 @@ mine = plugged_in:MyCodec
 mine = plugged_in:MyEmbedder
 [coopsim.metrics]
 mine = plugged_in:MyMetric
+[coopsim.rewards]
+mine = plugged_in:MyReward
 """
 
 PROGRAM = """
@@ -55,21 +63,23 @@ from coopsim.comms.codecs.codec import CODECS
 from coopsim.comms.uplinks.uplink import UPLINKS
 from coopsim.detection.detector import DETECTORS
 from coopsim.detection.embedder import EMBEDDERS
+from coopsim.envs.rewards import REWARDS
 from coopsim.metrics.metric import METRICS
 
-registries = [POLICIES, DETECTORS, UPLINKS, CODECS, EMBEDDERS, METRICS]
+registries = [POLICIES, DETECTORS, UPLINKS, CODECS, EMBEDDERS, METRICS, REWARDS]
 for registry in registries:
     assert "mine" in registry.names(), registry.kind
 assert "plugged_in" not in sys.modules  # names are known without loading anything
 names = dict.fromkeys(["uplink", "codec", "detector", "embedder"], "mine")
-env = coopsim.parallel_env("crossing", lidar=None, max_cycles=2, **names)
+env = coopsim.parallel_env("crossing", lidar=None, max_cycles=2, reward="mine(worth=3)", **names)
 policy = coopsim.make_policy("mine")
 observations, _ = env.reset(seed=0)
 policy.reset(env.agent_specs)
 names = CODECS.names()
 assert {names[codec] for each in observations.values() for codec in each["inbox"]["codec"]} == {"mine"}
 while env.agents:
-    observations, *_ = env.step(policy.act(observations))
+    observations, rewards, *_ = env.step(policy.act(observations))
+    assert set(rewards.values()) == {3}
 assert env.score()["mine"] == 1.0
 for registry in registries:
     assert registry.get("mine").__module__ == "plugged_in", registry.kind
