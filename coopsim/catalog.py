@@ -1,6 +1,6 @@
-"""Policies and environments by name, and policies by the place of their class.
+"""Policies, environments and rewards by name, and policies by the place of their class.
 
-Both live outside the library, which imports them at the first look-up. A user writes a policy down as
+All live outside the library, which imports them at the first look-up. A user writes a policy down as
 
 | text | meaning |
 |---|---|
@@ -52,6 +52,9 @@ POLICIES: Registry[type[Policy]] = Registry("policy", home="coopsim.agents", gro
 
 ENVIRONMENTS: Registry[Callable[..., CooperativeEnv]] = Registry("environment", home=ENVIRONMENTS_HOME)
 """Factories of environments, by versioned name (`crossing-v2`)."""
+
+REWARDS: Registry[type[Any]] = Registry("reward", home=ENVIRONMENTS_HOME, group="coopsim.rewards")
+"""Reward classes. Installed packages add theirs through the entry-point group `coopsim.rewards`."""
 
 
 def make_policy(name: str, /, **parameters: Any) -> Policy:

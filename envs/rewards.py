@@ -8,12 +8,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from coopsim.catalog import REWARDS
 from coopsim.config.spec import instantiate, parse_spec
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.evaluator import FrameCounts
 from coopsim.support.checks import require_non_negative
-from coopsim.support.registry import Registry
 from coopsim.types.driving import CarState
 
 
@@ -27,7 +27,7 @@ class Reward(ABC):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriveStep:
-    """One step of a driven car.
+    """Step of a driven car.
 
     Attributes:
         counts: counts of the tracks that were reported before the step.
@@ -56,7 +56,7 @@ class DriveStep:
 
     @property
     def crashes(self) -> bool:
-        """Whether the car crashes in this step."""
+        """True in the step in which the car crashes."""
         return self.after.crashed and not self.before.crashed
 
 
@@ -72,9 +72,6 @@ AnyReward = Reward | DriveReward
 
 RewardOption = str | AnyReward | None
 """Reward by name, also with parameters, such as "safe_progress(crash=10)", an object, or None: "mota"."""
-
-REWARDS: Registry[type[AnyReward]] = Registry("reward", group="coopsim.rewards")
-"""Reward classes. Installed packages add theirs through the entry-point group `coopsim.rewards`."""
 
 
 @REWARDS.register("mota")

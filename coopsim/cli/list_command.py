@@ -19,13 +19,12 @@ def _add_list(parser: argparse.ArgumentParser) -> None:
 
 def _run_list(options: argparse.Namespace) -> int:
     from coopsim.bench.grid.grid_file import PRESETS
-    from coopsim.catalog import scenario_files
+    from coopsim.catalog import REWARDS, scenario_files
     from coopsim.comms.codecs.codec import CODECS
     from coopsim.comms.uplinks.uplink import UPLINKS
     from coopsim.data.export.export_format import EXPORT_FORMATS
     from coopsim.detection.detector import DETECTORS
     from coopsim.detection.embedder import EMBEDDERS
-    from coopsim.envs.rewards import REWARDS
     from coopsim.learn.recipe import RECIPES
     from coopsim.metrics.metric import METRICS
     from coopsim.sensors.camera.camera import RIG_NAMES

@@ -85,7 +85,9 @@ class DrivingRowsView(View):
             "route": (self.points, len(ROUTE_COLUMNS)),
             "tracks": (self.tracks, len(REPORTED_COLUMNS)),
         }
-        boxes = {name: spaces.Box(-1.0, 1.0, shape, np.float32) for name, shape in shapes.items()}
+        boxes: dict[str, spaces.Box] = {
+            name: spaces.Box(-1.0, 1.0, shape, np.float32) for name, shape in shapes.items()
+        }
         return boxes | {"tracks_mask": spaces.Box(0.0, 1.0, (self.tracks,), np.float32)}
 
     def show(self, scene: Scene) -> Arrays:
@@ -110,7 +112,7 @@ class DrivingRowsView(View):
         first = within[np.argsort(np.hypot(*place[within].T), kind="stable")[: self.tracks]]
         along, aside, _ = route.place(place[first])
         yaw, size = tracks.boxes.yaw[first], tracks.boxes.size[first, :2]
-        return np.column_stack(
+        rows: Floats = np.column_stack(
             [
                 place[first] / self.reach_m,
                 tracks.velocity[first] / FASTEST_M_S,
@@ -123,11 +125,13 @@ class DrivingRowsView(View):
                 np.eye(len(CLASS_NAMES))[tracks.label[first]],
             ]
         )
+        return rows
 
 
 def _car(car: CarState) -> Floats:
-    values = (car.speed_m_s, car.acceleration_m_s2, car.length_m, car.width_m)
-    return np.array(values) / np.array(list(CAR_COLUMNS.values()))
+    values = np.array([car.speed_m_s, car.acceleration_m_s2, car.length_m, car.width_m])
+    shares: Floats = values / np.array(list(CAR_COLUMNS.values()))
+    return shares
 
 
 def _clipped(rows: Floats) -> NDArray[np.float32]:

@@ -38,13 +38,13 @@ class Scene:
         observation: observation of the agent.
         inbox: reader of its messages.
         agent: name of the agent.
-        env: environment within the wrapper.
+        env: environment within the wrapper, which `car` and `tracks` are from.
     """
 
     observation: Observation
     inbox: Inbox
     agent: str
-    env: Any
+    env: Any = None
 
     @cached_property
     def received(self) -> Received:

@@ -58,12 +58,11 @@ mine = plugged_in:MyReward
 PROGRAM = """
 import sys
 import coopsim
-from coopsim.catalog import POLICIES
+from coopsim.catalog import POLICIES, REWARDS
 from coopsim.comms.codecs.codec import CODECS
 from coopsim.comms.uplinks.uplink import UPLINKS
 from coopsim.detection.detector import DETECTORS
 from coopsim.detection.embedder import EMBEDDERS
-from coopsim.envs.rewards import REWARDS
 from coopsim.metrics.metric import METRICS
 
 registries = [POLICIES, DETECTORS, UPLINKS, CODECS, EMBEDDERS, METRICS, REWARDS]

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import coopsim
+from coopsim.catalog import REWARDS
 from coopsim.envs import DriveReward, DriveStep, MotaReward, Reward, SafeProgress
-from coopsim.envs.rewards import REWARDS, make_reward
+from coopsim.envs.rewards import make_reward
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
 from coopsim.metrics.evaluator import FrameCounts
 from coopsim.types.driving import CarState, Route
