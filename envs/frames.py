@@ -158,12 +158,16 @@ def actor_rows(actors: Actors, capacity: int) -> Floats:
     return rows
 
 
-def world_points(frame: Frame) -> Floats:
-    """Return the points of all sweeps of a frame, (N, 3) m, moved to the world frame by the true poses."""
+def world_points(frame: Frame, agent: str | None = None) -> Floats:
+    """Return the points of a frame's sweeps, (N, 3) m, moved to the world frame by the true poses.
+
+    They are those of one `agent`; None: of all.
+    """
     parts = [
-        agent.body.world_SE3_base.apply(sweep.points)
-        for agent in frame.agents.values()
-        for sweep in agent.observation.sweeps.values()
+        each.body.world_SE3_base.apply(sweep.points)
+        for name, each in frame.agents.items()
+        if agent is None or name == agent
+        for sweep in each.observation.sweeps.values()
     ]
     return np.concatenate(parts) if parts else np.zeros((0, 3))
 

@@ -328,14 +328,15 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         """
         return actor_rows(self._current().actors, self._source.capacity)
 
-    def bev_frame(self, *, points: bool = True) -> BevFrame:
+    def bev_frame(self, *, points: bool = True, agent: str | None = None) -> BevFrame:
         """Return the frame that was scored last, with the tracks reported for it, in the world frame.
 
         Args:
-            points: include the points of all sweeps, which takes longer than the rest.
+            points: include the points of sweeps, which takes longer than the rest.
+            agent: agent whose points are included; None: all.
         """
         self._current()
-        return self._view.bev_frame(points=points)
+        return self._view.bev_frame(points=points, agent=agent)
 
     def photograph(self) -> Mapping[str, Mapping[str, CameraImage]]:
         """Photograph the current frame through every agent's cameras, also where `cameras` is off; for pictures.

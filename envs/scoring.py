@@ -114,11 +114,14 @@ class ScoredView:
         """Take over a frame and the tracks reported for it, in each agent's base frame."""
         self._frame, self._tracks = frame, tracks
 
-    def bev_frame(self, *, points: bool) -> BevFrame:
-        """Return the frame with its tracks, in the world frame; `points` adds those of all sweeps."""
+    def bev_frame(self, *, points: bool, agent: str | None = None) -> BevFrame:
+        """Return the frame with its tracks, in the world frame.
+
+        `points` adds those of all sweeps, or of those of one `agent`.
+        """
         bodies = {name: agent.body for name, agent in self._frame.agents.items()}
         placed = {name: tracks.transform(bodies[name].world_SE3_base) for name, tracks in self._tracks.items()}
-        cloud = world_points(self._frame) if points else np.zeros((0, 3))
+        cloud = world_points(self._frame, agent) if points else np.zeros((0, 3))
         return BevFrame(self._frame.time_ns, self._frame.actors, bodies, cloud, placed)
 
     def render(self, mode: str) -> NDArray[np.uint8] | None:

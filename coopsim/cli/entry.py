@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import coopsim
 from coopsim.cli.arguments import INTERRUPTED, USER_ERROR, Parser
 from coopsim.cli.bench_commands import BENCH, COMPARE, REPORT
+from coopsim.cli.clip_command import CLIP
 from coopsim.cli.demo_command import DEMO
 from coopsim.cli.detect_command import DETECT
 from coopsim.cli.export_commands import CHECK_EXPORT, EXPORT, EXPORT_RESULTS
@@ -27,6 +28,7 @@ _COMMANDS = {
     "detect": DETECT,
     "report": REPORT,
     "compare": COMPARE,
+    "clip": CLIP,
     "record": RECORD,
     "town": TOWN,
     "export": EXPORT,

@@ -162,6 +162,12 @@ def find_events(drive: Drive) -> DriveEvents:
     )
 
 
+def has_track(drive: Drive, frame: int, column: int) -> bool:
+    """Return whether a track that was reported for a frame is on the object of a column, and on no other one."""
+    tracks, kinds = drive.tracks[frame], _ON_WHEELS[drive.label]
+    return is_on(tracks.boxes, _ON_WHEELS[tracks.label], drive.boxes[frame], kinds, column, NEAR_M)
+
+
 class _Course:
     """A drive up to its crash, and the objects as they moved, straight on after its last frame."""
 
@@ -260,7 +266,7 @@ class _Course:
         else:
             return Moments(braked=self._first(brakes))
         seen = np.flatnonzero(drive.seen_by[:, column] == 0)
-        confirmed = next((frame for frame in range(len(drive)) if self._is_confirmed(frame, column)), None)
+        confirmed = next((frame for frame in range(len(drive)) if has_track(drive, frame, column)), None)
         return Moments(
             int(drive.ids[column]),
             self._first(seen),
@@ -271,10 +277,6 @@ class _Course:
 
     def _first(self, frames: Ints) -> float:
         return float(self.drive.time_s[frames[0]]) if len(frames) else math.nan
-
-    def _is_confirmed(self, frame: int, column: int) -> bool:
-        tracks, kinds = self.drive.tracks[frame], _ON_WHEELS[self.drive.label]
-        return is_on(tracks.boxes, _ON_WHEELS[tracks.label], self.drive.boxes[frame], kinds, column, NEAR_M)
 
     def progress(self) -> tuple[float, float, float]:
         """Return the distance driven, that at the legal speed (m), and the time lost (s)."""

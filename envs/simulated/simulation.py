@@ -56,6 +56,7 @@ class Simulation(FrameSource):
         bodies = world.agents()
         self._equipment = Equipment(options, bodies.values())
         self._equipment.require_free_mounts(world)
+        self._conflicts: tuple[int, ...] = ()
         self._driven = self._driven_among(bodies)
         self.specs = self._specify(bodies)
         self.road_map = world.map
@@ -75,6 +76,7 @@ class Simulation(FrameSource):
             world = RecordedWorld(world, self._options.record, self._scenario, seed, self._options.dt_s)
         self.specs, self.road_map = self._specify(world.agents()), world.map
         self._episode = SimulatedEpisode(self._options, self._equipment, world, self.specs, seed)
+        self._conflicts = made.conflict_ids if isinstance(made, World) else ()
         if isinstance(made, World) and self._driven:
             self._episode.let_drive(made, self._driven)
         return self._episode.frame()
@@ -93,6 +95,11 @@ class Simulation(FrameSource):
         """The seed of the place, where it was drawn."""
         place_seed = self._scenario.place_seed
         return {} if place_seed is None else {"place_seed": place_seed}
+
+    @property
+    def conflicts(self) -> tuple[int, ...]:
+        """Ids of the actors that the script names as conflicting; see `FrameSource.conflicts`."""
+        return self._conflicts
 
     def close(self) -> None:
         """Release the renderer's resources."""

@@ -16,8 +16,15 @@ from coopsim.bench.report.clips import Clip
 from coopsim.bench.report.formats import definitions, fill_page
 from coopsim.bench.report.scene import DRAWING, Scene
 from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.safety.pair_pages import Filmed, pair_data, pairs_section
+from coopsim.bench.safety.pairs import CRASH
+from coopsim.bench.safety.safety_plots import crash_plots
+from coopsim.bench.safety.safety_text import matrix_html
 from coopsim.metrics.built_in import BYTES, all_metrics, less_is_better
 from coopsim.support.files import write_whole
+
+_CRASHES_NOTE = """<p class="note">Episodes in which the driven car crashed, in the mildest condition, with Wilson's
+95 % intervals. <code>safety.md</code> says what messages change, seed by seed, and what they cost.</p>"""
 
 _CLIPS_NOTE = """<p class="note">Windows in which a policy fell farthest behind the best one in the same condition and
 seed, varied in policy, condition and traffic. Left the policy, right the best one at the same time; ground truth is
@@ -42,9 +49,10 @@ def write_bench_report(
     clips: Sequence[Clip] = (),
     notes: Sequence[str] = (),
     scene: Scene | None = None,
+    pairs: Filmed = (),
 ) -> Path:
     """Write the report of `render_bench_report`; the file appears whole or not at all."""
-    return write_whole(path, render_bench_report(table, about, clips, notes, scene))
+    return write_whole(path, render_bench_report(table, about, clips, notes, scene, pairs))
 
 
 def render_bench_report(
@@ -53,8 +61,11 @@ def render_bench_report(
     clips: Sequence[Clip] = (),
     notes: Sequence[str] = (),
     scene: Scene | None = None,
+    pairs: Filmed = (),
 ) -> str:
     """Return the report as HTML; equal results give equal text.
+
+    Where cars were driven it has their crash rates, and `pairs` of recordings in place of `clips`.
 
     Without `clips` of the worst moments and `notes` on missing ones their section is left out; without a `scene` of
     runs to watch side by side, the sections "From above", "Reward over time" and "Cameras".
@@ -64,7 +75,7 @@ def render_bench_report(
         "bench.html",
         style=("page.css", "bench.css"),
         script=("bev.js", "curves.js", "bench.js", *(["scene.js"] if scene else [])),
-        data={**_data(table, clips), **({"scene": scene.data()} if scene else {})},
+        data={**_data(table, clips, pairs), **({"scene": scene.data()} if scene else {})},
         title=about.title,
         summary=_summary(table),
         leaderboards="".join(
@@ -74,7 +85,8 @@ def render_bench_report(
         or '<p class="note">No cell was finished, so there is nothing to rank.</p>',
         interval=_interval_note(table),
         scene=scene.html() if scene else "",
-        clips=_clips(table, clips, notes),
+        crashes=_crashes(table),
+        clips=pairs_section(pairs, notes, table) if CRASH in table.metrics else _clips(table, clips, notes),
         tables="".join(
             f"<details{' open' * (k == 0)}><summary>{html.escape(label(condition, table.conditions))}</summary>"
             f"{condition_table(table, k)}</details>"
@@ -142,7 +154,14 @@ def _clips(table: ResultTable, clips: Sequence[Clip], notes: Sequence[str]) -> s
     return f"<section><h2>Worst moments</h2>{_CLIPS_NOTE}{''.join(parts)}{listed}</section>"
 
 
-def _data(table: ResultTable, clips: Sequence[Clip]) -> dict[str, Any]:
+def _crashes(table: ResultTable) -> str:
+    if CRASH not in table.metrics:
+        return ""
+    figures = "".join(crash_plots(table).values())
+    return f'<section><h2>Crashes</h2>{matrix_html(table)}{_CRASHES_NOTE}<div class="figures">{figures}</div></section>'
+
+
+def _data(table: ResultTable, clips: Sequence[Clip], pairs: Filmed) -> dict[str, Any]:
     axes = varying_axes(table.conditions)
     values = [sorted({axis.value(each) for each in table.conditions}) for axis in axes]
     scenarios = table.scenarios
@@ -172,6 +191,7 @@ def _data(table: ResultTable, clips: Sequence[Clip]) -> dict[str, Any]:
         "bytes": BYTES,
         "drawing": dict(DRAWING),
         "clips": [clip.data() for clip in clips],
+        "pairs": [pair_data(runs) for runs in pairs],
     }
 
 

@@ -34,18 +34,18 @@ def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = ()) -> 
     results have. Raises `UnknownNameError` for a metric that they lack.
     """
     chosen = tuple(metrics) or _usual(table)
-    parts = [f"# {_escaped(title)}", leaderboard_text(table, metrics)]
+    parts = [f"# {escaped(title)}", leaderboard_text(table, metrics)]
     means = f"Mean over {len(table.conditions)} condition{'s' * (len(table.conditions) != 1)}"
     interval = f", ± half of its 95 % interval over {table.samples.text} ({interval_kinds(chosen)})"
     parts.append(means + (interval if table.samples.count > 1 else f" of {table.samples.text}") + ".")
     parts += [f"Networks multiply in {table.arithmetics[0]}."] if len(table.arithmetics) == 1 else []
     parts += [table.caution] if table.caution else []
     for k, condition in enumerate(table.conditions):
-        parts.append(f"## {_escaped(label(condition, table.conditions))}\n\n{_condition(table, k, chosen)}")
+        parts.append(f"## {escaped(label(condition, table.conditions))}\n\n{_condition(table, k, chosen)}")
     below = {"What stands behind the rows": table.methods, "Counted by policies in all cells": table.counted}
     for heading, texts in below.items():
         if texts:
-            lines = [_escaped(f"{policy}: {text}") for policy, text in texts.items()]
+            lines = [escaped(f"{policy}: {text}") for policy, text in texts.items()]
             parts.append(f"## {heading}\n\n" + "\n".join(f"- {line}" for line in lines))
     if table.failures:
         parts.append("## Failed cells\n\n" + "\n".join(_failures(table)))
@@ -95,11 +95,11 @@ def _leaderboard(table: ResultTable, metric: str) -> str:
     rows = []
     for entry in standings(table, metric):
         where = "-" if entry.worst_condition is None else short_label(entry.worst_condition, table.conditions)
-        worst = [format_value(entry.undisturbed, form), format_value(entry.worst, form), _escaped(where)]
+        worst = [format_value(entry.undisturbed, form), format_value(entry.worst, form), escaped(where)]
         rows.append(
             [
                 "-" if entry.rank is None else str(entry.rank),
-                _escaped(table.names[entry.policy]),
+                escaped(table.names[entry.policy]),
                 _interval(entry.mean, form),
                 *(worst if several else []),
                 format_value(entry.bytes_per_s, form_of(BYTES)),
@@ -117,7 +117,7 @@ def _condition(table: ResultTable, condition: int, metrics: Sequence[str]) -> st
         [_interval(table.interval(name, seeds), form_of(name)) for seeds in table.values(name)[:, condition]]
         for name in names
     ]
-    rows = [[_escaped(name), *(each[k] for each in columns)] for k, name in enumerate(table.names.values())]
+    rows = [[escaped(name), *(each[k] for each in columns)] for k, name in enumerate(table.names.values())]
     heads = ["policy", *map(title_of, names)]
     align = ["left", *["right"] * len(names)]
     return tabulate(rows, heads, tablefmt="github", colalign=align, disable_numparse=True)
@@ -125,7 +125,7 @@ def _condition(table: ResultTable, condition: int, metrics: Sequence[str]) -> st
 
 def _failures(table: ResultTable) -> list[str]:
     failed = [f"{name_of_cell(each.cell, table.conditions)}: {each.reason}" for each in table.failures]
-    return [f"- {_escaped(line)}" for line in failed]
+    return [f"- {escaped(line)}" for line in failed]
 
 
 def _interval(interval: Interval, form: str) -> str:
@@ -146,7 +146,7 @@ def interval_beside(interval: Interval, form: str, plus_minus: str = "±") -> st
     return f"({format_value(interval.low, form)} to {format_value(interval.high, form)})"
 
 
-def _escaped(text: str) -> str:
+def escaped(text: str) -> str:
     """Escape Markdown, and keep the text on one line."""
     for letter in "\\&`*[]<>|":
         text = text.replace(letter, f"\\{letter}")

@@ -22,6 +22,9 @@ from coopsim.bench.report.bench_text import to_csv, to_markdown
 from coopsim.bench.report.clips import RunCell, film
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import worst_windows
+from coopsim.bench.safety.pairs import CRASH, film_pairs, telling_pairs
+from coopsim.bench.safety.safety_plots import crash_plots
+from coopsim.bench.safety.safety_text import to_safety_markdown
 from coopsim.catalog import PolicySpec, names_code, refuse_writing
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
 from coopsim.metrics.built_in import BYTES
@@ -44,10 +47,13 @@ def publish(
     clip_time_s: float = 120.0,
     with_plots: bool = False,
     trust: bool = False,
+    pairs: int = 10,
 ) -> tuple[Path, ...]:
     """Write `report.html`, `report.md` and `results.csv`, the files for papers, and plots as SVG files if asked for.
 
-    Equal results give equal files, unless the time for clips runs out, which the report then says. Return the paths.
+    Where cars were driven, `safety.md` and figures of crash rates are written, too, and the report has telling pairs in
+    place of the worst moments. Equal results give equal files, unless the time for clips runs out, which the report
+    then says. Return the paths.
 
     Args:
         folder: folder of the files, made if need be.
@@ -59,13 +65,14 @@ def publish(
         clip_time_s: time after which no further clip is begun.
         with_plots: write `plots/METRIC_AXIS.svg`, for every metric of the report and every axis that varies.
         trust: run policies again that the results name as `module:Class` or `file.py:Class`; False: they have no clips.
+        pairs: largest number of telling pairs; 0, or no clips: nothing is run.
 
     Raises:
         InvalidValueError: there are no results, they do not fit together, or a file cannot be written, as where a link
             or a metric's name leads out of the folder.
         UnknownNameError: the results have no such metric.
     """
-    require_count(0, clips=clips)
+    require_count(0, clips=clips, pairs=pairs)
     require_non_negative(clip_time_s=clip_time_s)
     table, folder, origin = ResultTable.of(results), Path(folder), provenance or Provenance()
     about = _about(origin, title)
@@ -74,6 +81,10 @@ def publish(
     if with_plots:
         for metric in table.shown:
             contents |= {folder / "plots" / name: text for name, text in plots(table, metric).items()}
+    driven = CRASH in table.metrics
+    if driven:
+        contents |= {folder / "safety.md": to_safety_markdown(table)}
+        contents |= {folder / "plots" / name: text for name, text in crash_plots(table).items()}
     report = folder / "report.html"
     _require_within(folder, (report, *contents))
     for parent in {path.parent for path in contents}:
@@ -83,8 +94,12 @@ def publish(
     isolation = origin.isolation
     if clips and "salt" not in isolation:  # without the salt, nobody can make the same episodes
         rerun = make_rerun(origin.grid.get("options", {}), isolation, trust=trust)
-        shown, notes = film(worst_windows(table, clips), rerun, clip_time_s)
-        write_bench_report(report, table, about, shown, notes)
+        if driven:
+            filmed, notes = film_pairs(telling_pairs(table, pairs), rerun, clip_time_s)
+            write_bench_report(report, table, about, notes=notes, pairs=filmed)
+        else:
+            shown, missing = film(worst_windows(table, clips), rerun, clip_time_s)
+            write_bench_report(report, table, about, shown, missing)
     return (report, *written)
 
 

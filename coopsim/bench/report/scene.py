@@ -54,17 +54,20 @@ def thinned(points: Floats, count: int) -> Floats:
 
 
 class Film:
-    """The frames of a run from above, recorded after every step, with about `points` points each."""
+    """The frames of a run from above, recorded after every step, with about `points` points each.
 
-    def __init__(self, points: int) -> None:
-        self._points = points
+    The points are those of `agent`; None: of all agents.
+    """
+
+    def __init__(self, points: int, agent: str | None = None) -> None:
+        self._points, self._agent = points, agent
         self.frames: list[BevFrame] = []
         self.dt_s = 0.0
         self.road_map: RoadMap
 
     def add(self, env: CooperativeEnv) -> None:
         """Record the current frame."""
-        frame = env.bev_frame(points=self._points > 0)
+        frame = env.bev_frame(points=self._points > 0, agent=self._agent)
         self.frames.append(replace(frame, points=thinned(frame.points, self._points)) if self._points else frame)
         self.dt_s = next(iter(env.agent_specs.values())).dt_s
         self.road_map = env.road_map
@@ -87,7 +90,7 @@ def frame_data(frame: BevFrame, home: Floats) -> dict[str, Any]:
     points = np.round((frame.points[:, :2] - middle) / UNIT_M)
     return {
         "origin": (middle - home).tolist(),
-        "truth": _boxes(frame.actors.id, frame.actors.boxes, home),
+        "truth": boxes_data(frame.actors.id, frame.actors.boxes, home),
         "points": _base64(points[(np.abs(points) <= _INT16_MAX).all(axis=1)], "<i2"),
         "agents": [
             [name, *(body.world_SE3_base.translation[:2] - home).round(2).tolist(), body.actor_id is not None]
@@ -98,7 +101,7 @@ def frame_data(frame: BevFrame, home: Floats) -> dict[str, Any]:
 
 def tracks_data(tracks: Mapping[str, Tracks], home: Floats) -> dict[str, str]:
     """Return the tracks of a frame, by reporting agent."""
-    return {agent: _boxes(each.id, each.boxes, home) for agent, each in tracks.items()}
+    return {agent: boxes_data(each.id, each.boxes, home) for agent, each in tracks.items()}
 
 
 def _middle(frame: BevFrame) -> Floats:
@@ -108,7 +111,7 @@ def _middle(frame: BevFrame) -> Floats:
     return middle.round()
 
 
-def _boxes(ids: Ints, boxes: Boxes3D, home: Floats) -> str:
+def boxes_data(ids: Ints, boxes: Boxes3D, home: Floats) -> str:
     """Encode id, x, y, length, width, yaw of each box."""
     spots = (boxes.center[:, :2] - home) / UNIT_M
     rows = [ids % _IDS, spots, boxes.size[:, :2] / UNIT_M, wrap_angle(boxes.yaw) / TURN_RAD]

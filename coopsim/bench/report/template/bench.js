@@ -185,31 +185,54 @@ document.querySelectorAll("table.sortable").forEach((table) => {
   });
 });
 
-document.querySelectorAll("[data-clip]").forEach((figure) => {
-  const clip = decodeScene({ ...data.drawing, ...data.clips[figure.dataset.clip] });
-  const [button, slider, clock] = ["button", "input", "output"].map((name) => figure.querySelector(name));
-  const canvases = [...figure.querySelectorAll("canvas")];
-  const layers = { points: true, truth: true, tracks: true, ids: false };
+/** Let a figure's slider and button play `count` frames; returns what shows one. */
+function playing(figure, count, dt_s, show) {
+  const [button, slider] = [figure.querySelector(".player button"), figure.querySelector("input")];
   let timer = null;
-  slider.max = clip.frames.length - 1;
-  const show = () => {
-    const index = Number(slider.value);
-    const { agents, origin } = clip.frames[index];
-    const [, ...eye] = (agents.find(([name]) => name === clip.agent) ?? [null, ...origin]).slice(0, 3);
-    const view = { agent: clip.agent, eye, span: 110, layers };
-    canvases.forEach((canvas) => drawFromAbove(canvas, clip, index, clip.runs[canvas.dataset.run].tracks, view));
-    clock.value = `${(clip.start_s + index * clip.dt_s).toFixed(1)} s`;
-  };
+  slider.max = count - 1;
+  const seek = (index) => { slider.value = index; show(Number(slider.value)); };
   button.onclick = () => {
     button.textContent = timer === null ? "Pause" : "Play";
     clearInterval(timer);
-    timer = timer !== null ? null : setInterval(() => {
-      slider.value = (Number(slider.value) + 1) % clip.frames.length;
-      show();
-    }, clip.dt_s * 1000);
+    timer = timer !== null ? null : setInterval(() => seek((Number(slider.value) + 1) % count), dt_s * 1000);
   };
-  slider.oninput = show;
-  new ResizeObserver(show).observe(figure);
+  slider.oninput = () => show(Number(slider.value));
+  new ResizeObserver(() => show(Number(slider.value))).observe(figure);
+  return seek;
+}
+const LAYERS = { points: true, truth: true, tracks: true, ids: false };
+
+document.querySelectorAll("[data-clip]").forEach((figure) => {
+  const clip = decodeScene({ ...data.drawing, ...data.clips[figure.dataset.clip] });
+  const clock = figure.querySelector("output");
+  const canvases = [...figure.querySelectorAll("canvas")];
+  playing(figure, clip.frames.length, clip.dt_s, (index) => {
+    const { agents, origin } = clip.frames[index];
+    const [, ...eye] = (agents.find(([name]) => name === clip.agent) ?? [null, ...origin]).slice(0, 3);
+    const view = { agent: clip.agent, eye, span: 110, layers: LAYERS };
+    canvases.forEach((canvas) => drawFromAbove(canvas, clip, index, clip.runs[canvas.dataset.run].tracks, view));
+    clock.value = `${(clip.start_s + index * clip.dt_s).toFixed(1)} s`;
+  });
+});
+
+document.querySelectorAll("[data-pair]").forEach((figure) => {
+  const pair = data.pairs[figure.dataset.pair];
+  const sides = pair.sides.map((side) => decodeScene({ ...data.drawing, ...pair, ...side }));
+  const clock = figure.querySelector("output");
+  const canvases = [...figure.querySelectorAll("canvas")];
+  const seek = playing(figure, Math.max(...sides.map((side) => side.frames.length)), pair.dt_s, (wanted) => {
+    canvases.forEach((canvas) => {
+      const side = sides[canvas.dataset.side];
+      const index = Math.min(wanted, side.frames.length - 1); // after a crash, or the episode, it stands
+      const view = { agent: side.agent, eye: pair.eye, span: 80, layers: LAYERS };
+      drawFromAbove(canvas, side, index, side.runs[0].tracks, view);
+      drawMarks(canvas, side, index, view);
+    });
+    clock.value = `${(pair.start_s + wanted * pair.dt_s).toFixed(1)} s`;
+  });
+  figure.querySelectorAll(".moment").forEach((button) => {
+    button.onclick = () => seek(Math.round((button.dataset.s - pair.start_s) / pair.dt_s));
+  });
 });
 
 draw();

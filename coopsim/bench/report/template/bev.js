@@ -131,6 +131,39 @@ function drawTracks(context, scene, index, tracks, agent, { spot, outline, write
   }
 }
 
+/** Over a view from above: messages that arrive, rings about what must not be touched, and a star where it was. */
+function drawMarks(canvas, scene, index, { agent, eye, span }) {
+  const context = canvas.getContext("2d");
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  const place = (x, y) => [width / 2 + ((x - eye[0]) * width) / span, height / 2 - ((y - eye[1]) * width) / span];
+  const { met, arrived, crash } = scene.marks[index];
+  const spots = Object.fromEntries(scene.frames[index].agents.map(([name, x, y]) => [name, place(x, y)]));
+  context.lineWidth = 2;
+  context.strokeStyle = "#5cc8ff";
+  for (const name of arrived) {
+    context.beginPath();
+    context.moveTo(...spots[name]);
+    context.lineTo(...spots[agent]);
+    context.stroke();
+  }
+  for (const [x, y, known] of met) {
+    context.strokeStyle = known ? "#ff7a42" : "#e2e6ec";
+    context.beginPath();
+    context.arc(...place(x, y), 13, 0, 7);
+    context.stroke();
+  }
+  if (!crash) return;
+  const [x, y] = place(...scene.crash);
+  context.strokeStyle = "#ff5454";
+  context.beginPath();
+  for (let k = 0; k < 20; k++) {
+    const [reach, turn] = [k % 2 ? 24 : 12, (k * Math.PI) / 10];
+    context.lineTo(x + reach * Math.cos(turn), y + reach * Math.sin(turn));
+  }
+  context.closePath();
+  context.stroke();
+}
+
 /** Text on a dark halo, to be read over points and boxes. */
 function writeOnHalo(context, halo, text, x, y) {
   context.save();

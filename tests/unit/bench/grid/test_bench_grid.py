@@ -170,20 +170,30 @@ def test_a_file_loses_nothing_and_what_is_given_goes_before_it(tmp_path: Path) -
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_every_preset_can_be_run(name: str) -> None:
-    if name == "paper":
+    if name in ("paper", "safety_networks"):
         pytest.importorskip("torch")
-    grid = find_grid(name, options={"vehicles": 6, **({} if name == "paper" else {"lidar": None})}).grid()
+    few = {} if name.startswith("safety") else {"vehicles": 6}
+    blind = {} if name in ("paper", "safety_networks") else {"lidar": None}
+    grid = find_grid(name, options=few | blind).grid()
     require_count(6, policies=len(grid.policies))
     check(grid)
 
 
 def test_presets_are_what_they_are_called() -> None:
-    assert set(PRESETS) == {"bandwidth", "latency", "loss", "paper", "pose", "quick"}
+    assert set(PRESETS) == {"bandwidth", "latency", "loss", "paper", "pose", "quick", "safety", "safety_networks"}
     latency, pose, quick = (find_grid(name).grid() for name in ("latency", "pose", "quick"))
     assert (min(latency.latencies_ms), max(latency.latencies_ms)) == (0, 500)
     poses = [(each.position_noise_m, each.heading_noise_deg) for each in pose.conditions()]
     assert (min(poses), max(poses)) == ((0, 0), (1, 1)) and all(position == heading for position, heading in poses)
     assert (len(quick.latencies_ms), len(quick.seeds), quick.frames) == (4, 3, 100)
+
+
+def test_the_safety_preset_changes_one_thing_at_a_time_and_uses_no_seed_for_tuning() -> None:
+    grid = find_grid("safety").grid()
+    conditions = [each for each in grid.conditions() if each.scenario == grid.scenarios[0]]
+    assert len(conditions) == 1 + 3 + 2 + 2 + 3 and {each.latency_s for each in conditions} == {0, 0.1, 0.3, 0.5}
+    assert grid.frames is None and min(grid.seeds) >= 1000
+    assert set(find_grid("safety_networks").grid().scenarios) == set(grid.scenarios)
 
 
 def test_the_papers_preset_has_every_policy_that_has_weights_and_changes_one_thing_at_a_time() -> None:

@@ -1,0 +1,165 @@
+"""Changes by messages, over paired seeds: crashes avoided and caused, where the gain ends, and predictors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import rankdata
+
+from coopsim.bench.grid.cell import Axis, mildest, mildest_along
+from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.results.statistics import CONFIDENCE, Interval, bootstrap_difference, rate_difference
+from coopsim.bench.safety.pairs import CRASH, policy_alone
+from coopsim.geometry.se3 import Floats
+from coopsim.support.rng import stream
+
+_RESAMPLES = 2000
+"""Resamples of a rank correlation: its interval has two digits."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Difference that a policy makes to a metric, against the policy that sends nothing, over paired runs.
+
+    Attributes:
+        policy: the policy with messages.
+        pairs: number of pairs of runs.
+        alone: mean of the policy without messages.
+        sharing: mean of the policy.
+        change: mean difference, sharing minus alone, with its interval: Newcombe's of yes or no, else a bootstrap's.
+        less: pairs in which the value is less with messages: avoided crashes.
+        more: pairs in which it is more: crashes that come with messages.
+        p_value: p-value of no difference: McNemar's exact one of yes or no, else the bootstrap's; not corrected.
+    """
+
+    policy: str
+    pairs: int
+    alone: float
+    sharing: float
+    change: Interval
+    less: int
+    more: int
+    p_value: float
+
+
+def change(table: ResultTable, policy: int, conditions: Sequence[int], metric: str = CRASH) -> Change | None:
+    """Compare a policy with the one that sends nothing in some conditions; None without a pair.
+
+    A pair is a situation with a seed; conditions of one situation are averaged.
+    """
+    base = policy_alone(table)
+    if base is None or metric not in table.metrics:
+        return None
+    values = table.values(metric)
+    before, after = (_by_world(table, values[k], conditions) for k in (base, policy))
+    both = ~np.isnan(before) & ~np.isnan(after)
+    if not both.any():
+        return None
+    before, after = before[both], after[both]
+    difference = after - before
+    interval, p_value = rate_difference(before, after) or bootstrap_difference(difference)
+    return Change(
+        table.policies[policy],
+        len(difference),
+        float(before.mean()),
+        float(after.mean()),
+        interval,
+        int((difference < 0).sum()),
+        int((difference > 0).sum()),
+        p_value,
+    )
+
+
+def _by_world(table: ResultTable, values: Floats, conditions: Sequence[int]) -> Floats:
+    """Return the means (situations * S) of values (C, S) over the conditions of each situation."""
+    scenarios = [table.conditions[k].scenario for k in conditions]
+    rows = []
+    for scenario in dict.fromkeys(scenarios):
+        chosen = [k for k, name in zip(conditions, scenarios, strict=True) if name == scenario]
+        rows.append(values[chosen].mean(axis=0))  # NaN where one is missing: means over other conditions differ
+    return np.concatenate(rows)
+
+
+def calm(table: ResultTable, scenario: str | None = None) -> list[int]:
+    """Return the numbers of the mildest condition of every scenario, or of one."""
+    chosen = [table.conditions.index(each) for each in mildest(table.conditions)]
+    return [k for k in chosen if scenario in (None, table.conditions[k].scenario)]
+
+
+def along(table: ResultTable, axis: Axis) -> list[tuple[str, list[int]]]:
+    """Return the values of an axis in words, the mildest first, with the conditions of each; all else is mildest."""
+    chosen = mildest_along(axis, table.conditions)
+    values = sorted({axis.value(table.conditions[k]) for k in chosen}, key=axis.harm)
+    found = []
+    for value in values:
+        here = [k for k in chosen if axis.value(table.conditions[k]) == value]
+        found.append((axis.text(table.conditions[here[0]]), here))
+    return found
+
+
+def gone_at(table: ResultTable, policy: int, axis: Axis) -> str | None:
+    """Return the value of an axis from which on fewer crashes are not shown, in words; None: they always are."""
+    gone: str | None = None
+    for text, conditions in along(table, axis):
+        found = change(table, policy, conditions)
+        shown = found is not None and found.change.high < 0
+        gone = None if shown else gone or text
+    return gone
+
+
+@dataclass(frozen=True, slots=True)
+class RankCorrelation:
+    """Spearman's rank correlation of a metric and the crash rate over policies, with its bootstrap interval.
+
+    Attributes:
+        metric: name of the metric, a mean over agents.
+        value: the correlation: -1 where a better policy by the metric always crashes less.
+        low: lower end of the interval.
+        high: upper end of the interval.
+        policies: number of policies.
+    """
+
+    metric: str
+    value: float
+    low: float
+    high: float
+    policies: int
+
+
+def rank_correlation(table: ResultTable, metric: str, conditions: Sequence[int]) -> RankCorrelation | None:
+    """Correlate a metric with the crash rate over policies; None for fewer than four, or where all crash alike.
+
+    Upper bounds are left out. The interval is of a bootstrap over situations with seeds, 2000 resamples.
+    """
+    if metric not in table.metrics or CRASH not in table.metrics:
+        return None
+    chosen = [k for k, name in enumerate(table.policies) if name not in table.bounds]
+    metric_values, crashes = (
+        np.stack([_by_world(table, table.values(name)[k], conditions) for k in chosen]) for name in (metric, CRASH)
+    )
+    whole = ~np.isnan(metric_values).any(axis=0) & ~np.isnan(crashes).any(axis=0)
+    if len(chosen) < 4 or not whole.any():
+        return None
+    metric_values, crashes = metric_values[:, whole], crashes[:, whole]
+    count = int(whole.sum())
+    draws = stream(0, "bootstrap of a rank correlation").multinomial(count, np.full(count, 1 / count), _RESAMPLES)
+    drawn = _spearman(draws @ metric_values.T, draws @ crashes.T)
+    value = float(_spearman(metric_values.mean(axis=1)[None], crashes.mean(axis=1)[None])[0])
+    if math.isnan(value):
+        return None
+    tail = 100 * (1 - CONFIDENCE) / 2
+    low, high = np.nanpercentile(drawn, [tail, 100 - tail])
+    return RankCorrelation(metric, value, float(low), float(high), len(chosen))
+
+
+def _spearman(a: Floats, b: Floats) -> Floats:
+    """Return rank correlations (B,) of rows (B, P); NaN where all of a row are equal."""
+    first, second = (rankdata(rows, axis=1) for rows in (a, b))
+    first, second = (each - each.mean(axis=1, keepdims=True) for each in (first, second))
+    size = np.sqrt(np.square(first).sum(axis=1) * np.square(second).sum(axis=1))
+    with np.errstate(invalid="ignore"):
+        found: Floats = (first * second).sum(axis=1) / size
+    return found

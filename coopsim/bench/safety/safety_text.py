@@ -1,0 +1,209 @@
+"""Answers of a benchmark of situations, as Markdown: crash rates, crashes that messages avoid, and what they cost.
+
+Rates have Wilson's intervals, differences are paired by situation and seed.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+
+import numpy as np
+from tabulate import tabulate
+
+from coopsim.bench.grid.cell import varying_axes
+from coopsim.bench.report.bench_text import escaped, form_of, format_value
+from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.results.standings import known_mean
+from coopsim.bench.results.statistics import Interval, holm, rate_interval
+from coopsim.bench.safety.paired import Change, along, calm, change, gone_at, rank_correlation
+from coopsim.bench.safety.pairs import CRASH, policy_alone
+from coopsim.metrics.built_in import BYTES
+from coopsim.metrics.driving import DRIVING
+
+_PRICES = ("phantom_brakes", "hard_brakes", "time_lost", "progress")
+"""Metrics of what a policy costs where nothing would have happened."""
+
+_PREDICTORS = ("AMOTA", "sAMOTA", "MOTA", "HOTA", "mAP3D@0.5", "APBEV@0.5", "recall", "lead_time")
+
+_ALL = "all situations"
+
+
+def to_safety_markdown(table: ResultTable) -> str:
+    """Format all answers; parts for which the results have no data are left out."""
+    parts = [
+        (
+            "Crash rates",
+            _matrix_text(table),
+            "Episodes with a crash of the driven car, and 95 % intervals.",
+        ),
+        ("What messages change", _changes(table), _CHANGES_NOTE),
+        ("What they cost", _prices(table), "Mean per episode, sharing minus alone, with 95 % intervals."),
+        ("Driving", _driving(table), "Means over all situations in the mildest condition."),
+        ("Crashes over bytes", _bytes(table), "In the mildest condition; policies by the bytes that an agent sends."),
+        ("Where the gain is gone", _gone(table), _GONE_NOTE),
+        ("What predicts crashes", _predictors(table), _PREDICTORS_NOTE),
+    ]
+    shown = [f"## {heading}\n\n{note}\n\n{content}" for heading, content, note in parts if content]
+    return "# Safety\n\n" + "\n\n".join(shown) + "\n"
+
+
+_CHANGES_NOTE = """Against the policy that sends nothing, with the same seeds, in the mildest condition.
+*Avoided*: alone it crashes, with messages it does not; *caused*: the other way round. p is McNemar's, corrected for all
+rows by Holm's method."""
+
+_GONE_NOTE = """Difference of crash rates, sharing minus alone, in percentage points, while all else is mildest.
+*Gone at*: the first value from which on the 95 % interval has 0."""
+
+_PREDICTORS_NOTE = """Spearman's rank correlation over policies, upper bounds left out, with a 95 % interval by a
+bootstrap over situations and seeds. -1: the better policy by the metric always crashes less; 0: it says nothing."""
+
+
+def crash_rate(table: ResultTable, policy: int, conditions: Sequence[int]) -> Interval:
+    """Return the crash rate of a policy in some conditions, per cent, with Wilson's interval."""
+    return rate_interval(table.values(CRASH)[policy, list(conditions)].ravel())
+
+
+def matrix_html(table: ResultTable) -> str:
+    """Return the crash rates of situations by policies as an HTML table, darker with more crashes."""
+    heads = "".join(f"<th>{html.escape(name)}</th>" for name in table.names.values())
+    rows = []
+    for scenario, conditions in _situations(table):
+        cells = []
+        for k in range(len(table.policies)):
+            rate = crash_rate(table, k, conditions)
+            share = 0 if np.isnan(rate.mean) else rate.mean
+            shade = f"background: rgb(212 60 40 / {0.55 * share / 100:.3f})"
+            cells.append(f'<td style="{shade}">{_rate_html(rate)}</td>')
+        rows.append(f'<tr><td class="about">{html.escape(scenario)}</td>{"".join(cells)}</tr>')
+    return (
+        f'<div class="scroll"><table><thead><tr><th class="about">situation</th>{heads}</tr></thead>'
+        f"<tbody>{''.join(rows)}</tbody></table></div>"
+    )
+
+
+def _rate_html(rate: Interval) -> str:
+    if not rate.count:
+        return "-"
+    return f'{rate.mean:.0f} % <span class="dim">{rate.low:.0f} to {rate.high:.0f}, n {rate.count}</span>'
+
+
+def _situations(table: ResultTable) -> list[tuple[str, list[int]]]:
+    """Return the situations with their mildest condition, then all together."""
+    rows = [(scenario, calm(table, scenario)) for scenario in table.scenarios]
+    return [*rows, (_ALL, calm(table))] if len(rows) > 1 else rows
+
+
+def _matrix_text(table: ResultTable) -> str:
+    rows = [
+        [scenario, *(_rate(crash_rate(table, k, conditions)) for k in range(len(table.policies)))]
+        for scenario, conditions in _situations(table)
+    ]
+    return _table(["situation", *table.names.values()], rows)
+
+
+def _competitors(table: ResultTable) -> list[int]:
+    base = policy_alone(table)
+    return [k for k in range(len(table.policies)) if k != base] if base is not None else []
+
+
+def _changes(table: ResultTable) -> str:
+    tried = [
+        (scenario, change(table, k, conditions))
+        for k in _competitors(table)
+        for scenario, conditions in _situations(table)
+    ]
+    known = [(scenario, found) for scenario, found in tried if found is not None]
+    corrected = holm(np.array([found.p_value for _, found in known]))
+    rows = [
+        [table.names[found.policy], scenario, *_change_cells(found), f"{p_value:.2g}"]
+        for (scenario, found), p_value in zip(known, corrected.tolist(), strict=True)
+    ]
+    heads = ["policy", "situation", "pairs", "alone", "sharing", "avoided", "caused", "difference", "p"]
+    return _table(heads, rows, texts=2)
+
+
+def _change_cells(found: Change) -> list[str]:
+    rates = [f"{rate:.0f} %" for rate in (found.alone, found.sharing)]
+    return [str(found.pairs), *rates, str(found.less), str(found.more), _difference(found.change, ".1f")]
+
+
+def _prices(table: ResultTable) -> str:
+    metrics = [name for name in _PRICES if name in table.metrics]
+    rows = []
+    for k in _competitors(table):
+        found = [change(table, k, calm(table), name) for name in metrics]
+        cells = [
+            "-" if each is None else _difference(each.change, form_of(name))
+            for each, name in zip(found, metrics, strict=True)
+        ]
+        rows.append([table.names[table.policies[k]], *cells])
+    return _table(["policy", *metrics], rows) if metrics else ""
+
+
+def _driving(table: ResultTable) -> str:
+    metrics = [name for name in DRIVING if name in table.metrics]
+    chosen = calm(table)
+    values = {name: known_mean(table.values(name)[:, chosen].reshape(len(table.policies), -1), 1) for name in metrics}
+    rows = [
+        [policy, *(format_value(float(values[name][k]), form_of(name)) for name in metrics)]
+        for k, policy in enumerate(table.names.values())
+    ]
+    return _table(["policy", *metrics], rows)
+
+
+def _bytes(table: ResultTable) -> str:
+    if BYTES not in table.metrics:
+        return ""
+    rates = known_mean(table.values(BYTES)[:, calm(table)].reshape(len(table.policies), -1), axis=1)
+    rows = [
+        [table.names[table.policies[k]], format_value(float(rates[k]), ".0f"), _rate(crash_rate(table, k, calm(table)))]
+        for k in np.argsort(rates, kind="stable").tolist()
+    ]
+    return _table(["policy", "bytes/s", "crash rate"], rows)
+
+
+def _gone(table: ResultTable) -> str:
+    parts = []
+    for axis in varying_axes(table.conditions):
+        steps = along(table, axis)
+        rows = []
+        for k in _competitors(table):
+            found = [change(table, k, conditions) for _, conditions in steps]
+            if table.policies[k] in table.bounds or None in found:
+                continue
+            cells = [_difference(each.change, ".1f") for each in found if each is not None]
+            gone = gone_at(table, k, axis)
+            rows.append([table.policies[k], *cells, "never shown" if gone == steps[0][0] else gone or "not in these"])
+        if rows:
+            parts.append(f"### {axis.title}\n\n" + _table(["policy", *(text for text, _ in steps), "gone at"], rows))
+    return "\n\n".join(parts)
+
+
+def _predictors(table: ResultTable) -> str:
+    found = [rank_correlation(table, name, calm(table)) for name in _PREDICTORS]
+    rows = [
+        [each.metric, f"{each.value:.2f}", f"{each.low:.2f} to {each.high:.2f}", str(each.policies)]
+        for each in found
+        if each is not None
+    ]
+    return _table(["metric", "rank correlation", "95 % interval", "policies"], rows) if rows else ""
+
+
+def _rate(rate: Interval) -> str:
+    return f"{rate.mean:.0f} % ({rate.low:.0f} to {rate.high:.0f})" if rate.count else "-"
+
+
+def _difference(interval: Interval, form: str) -> str:
+    mean = format_value(interval.mean, f"+{form}")
+    if not np.isfinite([interval.low, interval.high]).all():
+        return mean
+    return f"{mean} ({interval.low:+{form}} to {interval.high:+{form}})"
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], texts: int = 1) -> str:
+    """Format a table of Markdown, its first `texts` columns left-aligned."""
+    align = ["left"] * texts + ["right"] * (len(heads) - texts)
+    cells = [[escaped(cell) for cell in row] for row in rows]
+    named = [escaped(head) for head in heads]
+    return tabulate(cells, named, tablefmt="github", colalign=align, disable_numparse=True) if rows else ""

@@ -1,0 +1,89 @@
+"""`coopsim clip`: a film of a pair of runs, without and with messages, for a talk."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from coopsim.cli.arguments import Command, add_options, count, named_options, policy, seeds, stored_results
+from coopsim.errors import InvalidValueError
+
+if TYPE_CHECKING:
+    from coopsim.bench.safety.pairs import Pair
+
+_FIRST_SEEDS = tuple(range(1000, 1040))
+"""Seeds that are tried where none is given: the first of those that results are made with."""
+
+
+def _add_clip(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("of", metavar="FOLDER or SITUATION", help="of `coopsim bench`; or an environment, such as occluded_pedestrian")
+    add("--out", type=Path, default=Path("clip.gif"), metavar="FILE", help=".gif or .mp4 (default: %(default)s)")
+    add("--pair", type=count, default=1, metavar="N", help="number of the pair in the report of FOLDER (default: 1)")
+    add("--seconds", type=count, default=30, help="length of the film (default: %(default)s)")
+    add("--title", default="", help="default: situation and seed")
+    add("--trust", action="store_true", help="run policies that FOLDER names as module:Class or file.py:Class")
+    run = parser.add_argument_group("a situation", "runs it until one of the two crashes and the other does not")
+    run.add_argument("--alone", type=policy, default="no_fusion", metavar="A", help="default: %(default)s")
+    run.add_argument("--sharing", type=policy, default="late_fusion(delayed=replay)", metavar="B", help="%(default)s")
+    run.add_argument("--seeds", type=seeds, default=_FIRST_SEEDS, metavar="1000-1039", help="to try, in order")
+    run.add_argument("--latency-ms", type=float, default=0.0, help="delay of every message (default: 0)")
+    add_options(run, "of the environment")
+
+
+def _run_clip(options: argparse.Namespace) -> int:
+    from tqdm import tqdm
+
+    from coopsim.bench.safety.movie import require_movie, write_movie
+    from coopsim.bench.safety.pair_clip import FRAMES_PER_S, PairClip
+    from coopsim.bench.safety.recording import record
+
+    require_movie(options.out)
+    pair, rerun = _of_folder(options) if Path(options.of).is_dir() else _of_situation(options)
+    alone, sharing = (record(result, rerun) for result in (pair.alone, pair.sharing))
+    if isinstance(alone, str) or isinstance(sharing, str):
+        raise InvalidValueError(alone if isinstance(alone, str) else str(sharing))
+    clip = PairClip(alone, sharing, float(options.seconds), options.title)
+    frames = tqdm(clip.frames(), "film", options.seconds * FRAMES_PER_S, disable=None, leave=False)
+    write_movie(options.out, frames, FRAMES_PER_S)
+    print(f"{sharing.cell.condition.scenario}, seed {sharing.cell.seed}: {alone.cell.policy}, {sharing.cell.policy}")
+    print(f"written: {options.out}")
+    return 0
+
+
+def _of_folder(options: argparse.Namespace) -> tuple[Pair, Any]:
+    from coopsim.bench.paper.provenance import Provenance
+    from coopsim.bench.report.publish import make_rerun
+    from coopsim.bench.results.result_table import ResultTable
+    from coopsim.bench.safety.pairs import find_pair
+    from coopsim.bench.store.store import Store
+
+    folder = Path(options.of)
+    results = stored_results(folder)
+    origin = Provenance.from_data(Store(folder).provenance())
+    pair = find_pair(ResultTable.of(results), options.pair)
+    return pair, make_rerun(origin.grid.get("options", {}), origin.isolation, trust=options.trust)
+
+
+def _of_situation(options: argparse.Namespace) -> tuple[Pair, Any]:
+    from tqdm import tqdm
+
+    from coopsim.bench.grid.grid import Grid
+    from coopsim.bench.report.publish import make_rerun
+    from coopsim.bench.safety.pairs import search_pair
+
+    grid = Grid(
+        (options.alone, options.sharing),
+        scenarios=(options.of,),
+        latencies_ms=(options.latency_ms,),
+        seeds=options.seeds,
+        frames=None,
+        options=named_options(options),
+    )
+    rerun = make_rerun(grid.options, trust=True)  # the user has just named them
+    tried = tqdm(grid.seeds, "seeds", disable=None, leave=False)
+    return search_pair(grid, rerun, tried), rerun
+
+
+CLIP = Command("film a pair of runs, without and with messages, side by side for a talk", _add_clip, _run_clip)

@@ -1,0 +1,50 @@
+"""What messages change: avoided and caused crashes, where the gain is gone, and what predicts crashes."""
+
+from __future__ import annotations
+
+import pytest
+
+from coopsim.bench.grid.cell import AXES, Condition
+from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.safety.paired import calm, change, gone_at, rank_correlation
+from tests.helpers.crashes import RATES, crash_results
+
+
+def test_a_pair_is_a_situation_with_a_seed() -> None:
+    table = ResultTable.of(crash_results())
+    found = change(table, table.policies.index("late_fusion"), calm(table))
+    assert found is not None and (found.pairs, found.less, found.more) == (20, 6, 0)
+    assert (found.alone, found.sharing) == (50.0, 20.0)
+    assert found.change.mean == pytest.approx(-30.0) and found.change.low < -30 < found.change.high < 0
+    assert found.p_value == pytest.approx(2 * 0.5**6), "six of six discordant pairs (McNemar)"
+
+
+def test_crashes_that_come_with_messages_are_counted_apart() -> None:
+    harmed = crash_results(lambda policy, condition, seed: seed == (0 if policy == "no_fusion" else 9))
+    table = ResultTable.of(harmed)
+    found = change(table, table.policies.index("coop_fuse"), calm(table, "merge"))
+    assert found is not None and (found.pairs, found.less, found.more) == (10, 1, 1) and found.change.mean == 0
+
+
+def test_the_gain_is_gone_where_it_stays_away() -> None:
+    latencies = (0.0, 0.1, 0.3, 0.5)
+    conditions = [Condition("merge", latency_s=each) for each in latencies]
+
+    def crashes(policy: str, condition: Condition, seed: int) -> bool:
+        return policy == "no_fusion" or (policy != "truth" and condition.latency_s > 0.2)
+
+    table = ResultTable.of(crash_results(crashes, conditions))
+    axis = next(each for each in AXES if each.field == "latency_s")
+    assert gone_at(table, table.policies.index("late_fusion"), axis) == "300 ms"
+    assert gone_at(table, table.policies.index("truth"), axis) is None
+
+
+def test_a_metric_that_orders_policies_as_their_crashes_do_predicts_them() -> None:
+    perfect = crash_results(AMOTA=lambda policy: -float(RATES[policy]), HOTA=lambda policy: float(len(policy)))
+    table = ResultTable.of(perfect)
+    found = rank_correlation(table, "AMOTA", calm(table))
+    assert found is not None and found.value == pytest.approx(-1.0) and found.policies == 4, "the bound does not count"
+    assert -1 <= found.low <= found.high < 0
+    other = rank_correlation(table, "HOTA", calm(table))
+    assert other is not None and abs(other.value) < 1
+    assert rank_correlation(table, "IDF1", calm(table)) is None, "the results lack it"

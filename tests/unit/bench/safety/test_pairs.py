@@ -1,0 +1,54 @@
+"""The choice of pairs: one of the two crashed, none is an upper bound, and they differ from each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from coopsim.bench.grid.cell import Cell, CellResult, Condition
+from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.safety.pairs import film_pairs, find_pair, telling_pairs
+from coopsim.errors import InvalidValueError
+from tests.helpers.crashes import crash_results
+
+
+def test_one_run_of_a_pair_crashed_and_no_bound_is_in_it() -> None:
+    pairs = telling_pairs(ResultTable.of(crash_results()), 10)
+    assert len(pairs) == 10
+    for pair in pairs:
+        assert pair.alone.cell.policy == "no_fusion" and pair.sharing.cell.policy != "truth"
+        assert (pair.alone.cell.condition, pair.alone.cell.seed) == (
+            pair.sharing.cell.condition,
+            pair.sharing.cell.seed,
+        )
+        assert pair.avoided and not pair.sharing.values["crash"]
+    assert len({(pair.sharing.cell) for pair in pairs}) == 10
+
+
+def test_pairs_are_varied_and_harm_is_among_them() -> None:
+    def crashes(policy: str, condition: Condition, seed: int) -> bool:
+        return seed < 5 if policy == "no_fusion" else policy == "coop_fuse" and seed == 7
+
+    pairs = telling_pairs(ResultTable.of(crash_results(crashes)), 4)
+    assert {pair.avoided for pair in pairs} == {True, False}
+    assert len({pair.sharing.cell.policy for pair in pairs}) > 1
+    assert len({pair.sharing.cell.condition for pair in pairs}) == 2
+    assert len({pair.sharing.cell.seed for pair in pairs}) > 1
+
+
+def test_without_a_policy_that_sends_nothing_there_are_no_pairs() -> None:
+    loud = [each for each in crash_results() if each.cell.policy != "no_fusion"]
+    assert telling_pairs(ResultTable.of(loud), 10) == ()
+    with pytest.raises(InvalidValueError, match="pair must be one of the 0"):
+        find_pair(ResultTable.of(loud), 1)
+
+
+def test_a_run_that_differs_from_the_stored_one_is_told_and_not_shown() -> None:
+    pairs = telling_pairs(ResultTable.of(crash_results()), 2)
+
+    def other(cell: Cell, on_frame: object) -> CellResult:
+        return CellResult(cell, rewards=np.ones(5))
+
+    filmed, notes = film_pairs(pairs, other, 60.0)
+    assert not filmed and all("something changed" in note for note in notes)
+    assert film_pairs(pairs, other, -1.0)[1] == ["2 pairs left out, as time was up after -1 s"]
