@@ -10,14 +10,12 @@ quantities: the mean over bins of range for quantities that depend on it.
 from __future__ import annotations
 
 import argparse
-import io
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from detector_matches import AGENTS, Matches, read_matches, simulate_matches
 from fit_detector import LAGS, QUARTER, RANGES_M, WITHOUT, _bins, _normal_scores, _pairs
-from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import ndtr
@@ -27,6 +25,7 @@ from tabulate import tabulate
 from coopsim.detection.presets import preset
 from coopsim.detection.simulated.correlated import ERRORS
 from coopsim.geometry.se3 import Floats
+from coopsim.support.svg import to_svg
 
 PRESET = "pointpillars_v2v4real"
 ENVIRONMENTS = ("highway", "urban_grid")
@@ -72,8 +71,8 @@ def table(every: dict[str, Matches]) -> str:
 
 def draw(every: dict[str, Matches]) -> str:
     """Draw all panels, as SVG."""
-    with rc_context({"svg.hashsalt": "coopsim", "svg.fonttype": "none", "font.size": 8}):
-        figure = Figure(figsize=(13, 15), layout="constrained")
+
+    def draw_all(figure: Figure) -> None:
         axes = iter(figure.subplots(5, 4).ravel())
         for panel in (_recall_by_returns, _recall_by_range, _scores_of_true, _scores_of_false, _scores_by_range):
             panel(next(axes), every)
@@ -84,9 +83,8 @@ def draw(every: dict[str, Matches]) -> str:
         for name in ("found", "score", "along", "across", "up", "yaw"):
             _over_time(next(axes), every, name)
         figure.suptitle("Black: real. Blue: fitted. Orange: default. Errors: median and middle 68 % and 95 %.")
-        text = io.StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": "coopsim"})
-    return text.getvalue()
+
+    return to_svg(draw_all, 13, 15, font_pt=8)
 
 
 def _recall_by_returns(axes: Axes, every: dict[str, Matches]) -> None:

@@ -29,11 +29,11 @@ from tabulate import tabulate
 from coopsim.bench.detect.detect import EVERYWHERE
 from coopsim.bench.grid.cell import varying_axes
 from coopsim.bench.report.bench_text import form_of
-from coopsim.bench.report.formats import line_style, to_svg
 from coopsim.bench.results.statistics import mean_interval
 from coopsim.catalog import PolicySpec
 from coopsim.cli.arguments import names, stored_results
 from coopsim.support.files import write_whole
+from coopsim.support.svg import line_style, to_svg
 
 MESSAGES_PER_S = 10
 """Messages that each agent sends in the usual environments, of 0.1 s a frame."""

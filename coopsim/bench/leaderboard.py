@@ -14,13 +14,14 @@ from tabulate import tabulate
 from coopsim.bench.evaluate import RecordingsEvaluation, evaluate_recordings, listening_env, replay_keywords
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.report.bench_text import columns, format_value, score_row
-from coopsim.bench.report.formats import line_style, to_csv_text, to_svg
+from coopsim.bench.report.formats import to_csv_text
 from coopsim.catalog import PolicySpec
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.metrics.clear import RECALL_POINTS
 from coopsim.metrics.metric import PRIMARY_METRIC
 from coopsim.metrics.score import Score
 from coopsim.support.files import make_folder, write_whole
+from coopsim.support.svg import line_style, to_svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
 from coopsim.detection.detector import DETECTORS, Detector, Rng, SensorNeeds
@@ -92,6 +93,7 @@ class PillarsDetector(NetworkDetector):
         return dict(zip(views, self._network.detect_around(clouds, self._reach_m, self._least_score), strict=True))
 
 
+@dataclass(eq=False, repr=False)
 class CameraDetector(NetworkDetector):
     """Network that finds objects of all classes in an agent's images, or points and images, in a square around it.
 
@@ -113,11 +115,17 @@ class CameraDetector(NetworkDetector):
 
     states_covariance = True
 
-    def __init__(self, weights: str, least_score: float, reach_m: float, threads: int, device: str) -> None:
-        super().__init__(least_score, reach_m, threads)
+    weights: str
+    least_score: float = 0.1
+    reach_m: float = 76.8
+    threads: int = 2
+    device: str = "cpu"
+
+    def __post_init__(self) -> None:
+        super().__init__(self.least_score, self.reach_m, self.threads)
         from coopsim.nn.inference.backend import find_backend
 
-        self._network = self._finder(weights, find_backend(device, threads))
+        self._network = self._finder(self.weights, find_backend(self.device, self.threads))
 
     @abstractmethod
     def _finder(self, weights: str, backend: Backend) -> ViewDetector:
@@ -130,20 +138,14 @@ class CameraDetector(NetworkDetector):
 
 
 @DETECTORS.register("lift_splat")
+@dataclass(eq=False, repr=False)
 class LiftSplatDetector(CameraDetector):
     """Objects in images alone (Lift-Splat's encoder, CenterPoint's head); see `CameraDetector`."""
 
     needs = SensorNeeds(cameras=True)
 
-    def __init__(
-        self,
-        weights: str = "lift_splat",
-        least_score: float = 0.1,
-        reach_m: float = 57.6,
-        threads: int = 2,
-        device: str = "cpu",
-    ) -> None:
-        super().__init__(weights, least_score, reach_m, threads, device)
+    weights: str = "lift_splat"
+    reach_m: float = 57.6
 
     def _finder(self, weights: str, backend: Backend) -> ViewDetector:
         from coopsim.learn.weights import load_pictures
@@ -155,20 +157,13 @@ class LiftSplatDetector(CameraDetector):
 
 
 @DETECTORS.register("points_and_pictures")
+@dataclass(eq=False, repr=False)
 class PointsAndPicturesDetector(CameraDetector):
     """Objects in points and images together (DINO-CoDT's encoder, CenterPoint's head); see `CameraDetector`."""
 
     needs = SensorNeeds(lidar=True, cameras=True)
 
-    def __init__(
-        self,
-        weights: str = "points_and_pictures",
-        least_score: float = 0.1,
-        reach_m: float = 76.8,
-        threads: int = 2,
-        device: str = "cpu",
-    ) -> None:
-        super().__init__(weights, least_score, reach_m, threads, device)
+    weights: str = "points_and_pictures"
 
     def _finder(self, weights: str, backend: Backend) -> ViewDetector:
         from coopsim.learn.weights import load_points_and_pictures

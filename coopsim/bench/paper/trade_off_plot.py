@@ -11,12 +11,12 @@ import numpy as np
 
 from coopsim.bench.grid.cell import mildest
 from coopsim.bench.paper.tables import short_names
-from coopsim.bench.report.formats import to_svg
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import known_mean
 from coopsim.bench.results.statistics import Interval
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.built_in import BYTES, less_is_better
+from coopsim.support.svg import to_svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

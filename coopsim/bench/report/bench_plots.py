@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from coopsim.bench.grid.cell import Axis, mildest_along, varying_axes
-from coopsim.bench.report.formats import line_style, to_svg
 from coopsim.bench.results.result_table import ResultTable
+from coopsim.support.svg import line_style, to_svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,4 +1,4 @@
-"""File formats of reports: CSV, SVG plots and self-contained HTML pages."""
+"""File formats of reports: CSV and self-contained HTML pages."""
 
 from __future__ import annotations
 
@@ -6,13 +6,10 @@ import csv
 import html
 import io
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from string import Template
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from typing import Any
 
 
 def to_csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -24,28 +21,6 @@ def to_csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue()
-
-
-def to_svg(draw: Callable[[Figure], object], width_in: float, height_in: float) -> str:
-    """Return as SVG what a function draws on a matplotlib figure of a size in inches.
-
-    Text stays text, and the same drawing gives the same bytes.
-    """
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
-    text = io.StringIO()
-    # No date and no random ids: the same results give the same file.
-    with rc_context({"svg.hashsalt": "coopsim", "svg.fonttype": "none", "font.size": 9, "text.parse_math": False}):
-        figure = Figure(figsize=(width_in, height_in), layout="constrained")
-        draw(figure)
-        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": "coopsim"})
-    return text.getvalue()
-
-
-def line_style(number: int) -> tuple[str, str]:
-    """Return matplotlib's style and colour of line `number`; the first 30 lines all look different."""
-    return ("-", "--", ":")[number // 10 % 3], f"C{number % 10}"
 
 
 def fill_page(

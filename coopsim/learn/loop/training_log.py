@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import platform
 import shlex
@@ -18,6 +17,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.learn.recipe import RECIPES, TrainingRecipe, find_recipe
 from coopsim.nn.inference.backend import numbers_on
 from coopsim.support.files import write_durably, write_whole
+from coopsim.support.svg import to_svg
 
 LOG = "log.jsonl"
 """Name of the file in a training's folder."""
@@ -81,18 +81,13 @@ _LOSSES = "losses"
 
 def write_curves(folder: Path) -> Path:
     """Draw losses and values of held-out places over the steps of a training's log. Return the file's path."""
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
     panels = _panels(read_log(folder))
-    text = io.StringIO()
-    # No date and no random ids: the same training gives the same file.
-    with rc_context({"svg.hashsalt": "coopsim", "svg.fonttype": "none", "font.size": 9, "text.parse_math": False}):
-        figure = Figure(figsize=(4.6 * max(1, len(panels)), 3.2), layout="constrained")
+
+    def draw(figure: Any) -> None:
         for place, (title, curves) in enumerate(panels.items()):
             _draw(figure.add_subplot(1, len(panels), place + 1), title, curves)
-        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": "coopsim"})
-    return write_whole(folder / CURVES, text.getvalue())
+
+    return write_whole(folder / CURVES, to_svg(draw, 4.6 * max(1, len(panels)), 3.2))
 
 
 def _panels(lines: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, list[tuple[float, float]]]]:

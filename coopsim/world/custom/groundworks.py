@@ -14,6 +14,7 @@ import numpy as np
 
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
+from coopsim.support.arrays import numbered
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.places.layout import ASPHALT, PAVEMENT, Layout
@@ -187,13 +188,12 @@ def lane_points(lanes: Sequence[Lane]) -> list[Floats]:
     counts = (
         np.maximum(np.ceil(np.array([lane.length for lane in lanes]) / _chord_m(rows[:, 4])), 1).astype(np.int64) + 1
     )
-    first = np.cumsum(counts) - counts
-    row = np.repeat(rows, counts, axis=0)
-    share = (np.arange(len(row)) - np.repeat(first, counts)) / np.repeat(counts - 1, counts)
+    lane, place = numbered(counts)
+    row, share = rows[lane], place / (counts - 1)[lane]
     phase = row[:, 5] + share * (row[:, 6] - row[:, 5])
     points = row[:, :2] + share[:, None] * (row[:, 2:4] - row[:, :2])
     points += row[:, 4, None] * np.stack([exact.cos(phase), exact.sin(phase)], axis=1)
-    return np.split(points, first[1:])
+    return np.split(points, np.cumsum(counts)[:-1])
 
 
 def _shape(lane: Lane) -> list[float]:
@@ -220,8 +220,8 @@ def _places(pieces: Floats) -> tuple[Floats, Floats]:
     along = pieces[:, 2:4] - pieces[:, :2]
     length_m = exact.hypot(along[:, 0], along[:, 1])
     counts = np.maximum(np.ceil(length_m / _SAMPLE_M), 1).astype(np.int64)
-    own = np.repeat(np.arange(len(pieces)), counts)
-    share = (np.arange(len(own)) - np.repeat(np.cumsum(counts) - counts, counts) + 0.5) / counts[own]
+    own, place = numbered(counts)
+    share = (place + 0.5) / counts[own]
     places = np.empty((len(own), 5))
     places[:, :2] = pieces[own, :2] + share[:, None] * along[own]
     places[:, 2:4], places[:, 4] = (along / length_m[:, None])[own], pieces[own, 4]

@@ -11,6 +11,7 @@ import trimesh
 
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import SE3, Floats
+from coopsim.support.arrays import numbered
 from coopsim.types import Ints, Mask
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork, StraightLane
@@ -202,9 +203,8 @@ def flat_part(
     counts = np.array([len(polygon) for polygon in polygons])
     corners = np.concatenate(polygons)
     vertices = np.column_stack([corners, np.full(len(corners), z_m)])
-    fans = counts - 2  # triangles of each
-    number = np.arange(fans.sum()) - np.repeat(np.cumsum(fans) - fans, fans)
-    first = np.repeat(np.cumsum(counts) - counts, fans)
+    polygon, number = numbered(counts - 2)  # of each triangle of their fans
+    first = (np.cumsum(counts) - counts)[polygon]
     faces = np.column_stack([first, first + number + 1, first + number + 2])
     return StaticPart(name, vertices, faces, color, reflectivity, closed=False)
 

@@ -7,6 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from coopsim.geometry.se3 import SE3, Floats
+from coopsim.support.arrays import numbered
 from coopsim.world.places.layout import ASPHALT, GROUND, MARKING, PAVEMENT, box_part, flat_part, post_part, rectangle
 from coopsim.world.places.road_network import Road, RoadNetwork, StraightLane
 from coopsim.world.snapshot import RoadMap, StaticPart
@@ -105,8 +106,7 @@ def lane_lines(network: RoadNetwork, movements: Collection[Road] = ()) -> tuple[
     length_m, half_m = np.array([lane.length for lane in lanes]), np.array([lane.width for lane in lanes]) / 2
     left = np.column_stack([-along[:, 1], along[:, 0]])
     counts = (length_m / _PERIOD_M).astype(np.int64)
-    own = np.repeat(np.arange(len(lanes)), counts)
-    number = np.arange(len(own)) - np.repeat(np.cumsum(counts) - counts, counts)
+    own, number = numbered(counts)
     at_m = (number + 0.5) * (length_m / np.maximum(counts, 1))[own]
     middle = start[own] + at_m[:, None] * along[own] + half_m[own, None] * left[own]
     offset = middle[:, None] - start
