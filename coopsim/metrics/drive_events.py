@@ -101,7 +101,7 @@ class Moments:
         object_id: id of the conflicting object; -1: there is none.
         seen: the car's own sensors first had returns from it.
         confirmed: a reported track was first on it.
-        braked: the car first braked, for whatever reason.
+        braked: the car first braked at that time or later: a brake before was for something else.
         conflict: the car would have been where the two meet, had it never braked.
     """
 
@@ -246,34 +246,35 @@ class _Course:
 
     def moments(self, crash: Crash | None) -> Moments:
         """Return the times of the conflict that the script names, else of the crash."""
-        drive, brakes = self.drive, self.brakes(BRAKE_LIGHT_M_S2)
-        known = np.flatnonzero(drive.in_conflict)
-        if not len(known) and crash is not None:
-            known = np.flatnonzero(drive.ids == crash.object_id)
-        car = drive.car[: self.end + 1]
+        drive = self.drive
+        brakes = np.flatnonzero(drive.acceleration_m_s2[: self.end] < -BRAKE_LIGHT_M_S2)
+        named = drive.in_conflict if drive.in_conflict.any() or crash is None else drive.ids == crash.object_id
+        conflict = self._meeting(np.flatnonzero(named), brakes)
+        if conflict is None and crash is not None and crash.object_id in drive.ids[named]:
+            conflict = crash.time_s, int(np.searchsorted(drive.ids, crash.object_id))
+        if conflict is None:
+            return Moments()
+        conflict_s, column = conflict
+        first = next((frame for frame in range(len(drive)) if has_track(drive, frame, column)), len(drive))
+        seen = np.flatnonzero(drive.seen_by[:, column] == 0)
+        confirmed, braked = np.arange(first, len(drive)), brakes[brakes >= first]
+        return Moments(
+            int(drive.ids[column]), self._first(seen), self._first(confirmed), self._first(braked), conflict_s
+        )
+
+    def _meeting(self, columns: Ints, brakes: Ints) -> tuple[float, int] | None:
+        """Return the time at which the car would have met one of some objects, had it never braked, and its column."""
+        car = self.drive.car[: self.end + 1]
         if len(brakes):
             last = max(int(brakes[0]) - 1, 0)
             car = np.concatenate([car[:last], self.ahead(last, self._steps(UNBRAKED_S))])
-        meetings = [
-            (*least_delay(car, self.boxes[:, [k]], self._steps(LONGEST_S), (0.0, 0.0)), k) for k in known.tolist()
-        ]
-        meetings = [each for each in meetings if each[0] >= 0]
-        if meetings:
-            _, frame, column = min(meetings)
-            conflict_s = float(drive.time_s[0] + frame * self.dt_s)
-        elif crash is not None and crash.object_id in drive.ids[known]:
-            conflict_s, column = crash.time_s, int(np.searchsorted(drive.ids, crash.object_id))
-        else:
-            return Moments(braked=self._first(brakes))
-        seen = np.flatnonzero(drive.seen_by[:, column] == 0)
-        confirmed = next((frame for frame in range(len(drive)) if has_track(drive, frame, column)), None)
-        return Moments(
-            int(drive.ids[column]),
-            self._first(seen),
-            math.nan if confirmed is None else float(drive.time_s[confirmed]),
-            self._first(brakes),
-            conflict_s,
-        )
+        longest = self._steps(LONGEST_S)
+        found = [(*least_delay(car, self.boxes[:, [k]], longest, (0.0, 0.0)), k) for k in columns.tolist()]
+        met = [each for each in found if each[0] >= 0]
+        if not met:
+            return None
+        _, frame, column = min(met)
+        return float(self.drive.time_s[0] + frame * self.dt_s), column
 
     def _first(self, frames: Ints) -> float:
         return float(self.drive.time_s[frames[0]]) if len(frames) else math.nan

@@ -169,6 +169,21 @@ def test_the_conflict_does_not_depend_on_when_the_car_brakes() -> None:
     assert early["lead_time_braked"] - late["lead_time_braked"] == pytest.approx(0.8)
 
 
+def test_a_brake_before_the_first_track_is_no_reaction() -> None:
+    values = scored(drive([0.0, -2.0, -2.0, *[0.0] * 12, *[-6.0] * 12], [PERSON]))
+    # Without its first brake the car would have gone on at 10 m/s.
+    assert values["lead_time"] == pytest.approx(2.75 - 0.8, abs=0.11)
+    assert values["lead_time_braked"] == pytest.approx(2.75 - 1.6, abs=0.11)
+
+
+def test_a_conflict_that_the_car_avoids_has_lead_times_as_one_that_it_does_not() -> None:
+    avoided = scored(drive([0.0] * 9 + [-4.0] * 25, [PERSON]))
+    crashed = scored(drive([0.0] * 28, [PERSON], crashed=True))
+    assert (avoided["crash"], crashed["crash"]) == (0, 100)
+    assert avoided["lead_time"] == pytest.approx(crashed["lead_time"])
+    assert avoided["lead_time_seen"] == pytest.approx(crashed["lead_time_seen"])
+
+
 def test_who_is_never_tracked_leaves_no_lead() -> None:
     nothing = scored(drive([0.0] * 28, [PERSON], crashed=True, tracks=lambda t: Tracks.empty()))
     assert nothing["lead_time"] == nothing["lead_time_braked"] == 0
