@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,6 +32,10 @@ from coopsim.types.taxonomy import ObjectClass
 _ON_FOOT = (ObjectClass.PEDESTRIAN, ObjectClass.CHILD)
 """They always have the right of way: a car does not count on it that they stop."""
 
+_WITH_EASE_M_S2 = 3.0
+"""Deceleration with which a driver is expected to stop for others: 10 ft/s², by which signals are timed (Institute of
+Transportation Engineers, Traffic Engineering Handbook)."""
+
 _DELTA = 4
 """The exponent of the Intelligent Driver Model."""
 
@@ -43,8 +48,15 @@ _SETTLING_S = 0.5
 _SLOWEST_M_S = 0.5
 """Slower tracks stand: the direction of their velocity is noise."""
 
-_TURNING_S, _LATERAL_M_S2 = 0.3, 4.0
-"""Time over which turn rates are smoothed, and the lateral acceleration that they keep to: few drivers exceed it."""
+_BELIEF_S = 0.5
+"""Time for which a track must be known until the part of its velocity that leads onto the route counts in full: the
+velocity of a constant-velocity filter over n places with an error of s every dt errs by s sqrt(12 / n^3) / dt, so by
+0.9 m/s after five at 0.3 m and 0.1 s (Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and
+Navigation", 2001)."""
+
+_TURNING_S, _LATERAL_M_S2, _RADIUS_M = 0.3, 4.0, 5.5
+"""Time over which turn rates are smoothed, and what they keep to: the lateral acceleration that few drivers exceed, and
+the radius of a passenger car's smallest turn."""
 
 _AEB_FROM_M_S = 10 / 3.6
 """Speed from which emergency braking begins: UN Regulation 152, 5.2.1.3, requires it from 10 km/h on."""
@@ -81,7 +93,7 @@ class IdmAeb(Planner):
     braking_ttc_s: float = 1.4
     braking_delay_s: float = 0.2
 
-    _headings: dict[int, tuple[int, float, float]] = field(default_factory=dict, init=False, repr=False)
+    _known: dict[int, _Known] = field(default_factory=dict, init=False, repr=False)
     _alarm_ns: int | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -89,9 +101,9 @@ class IdmAeb(Planner):
         require_positive(**{name: getattr(self, name) for name in (*names, "braking_ttc_s", "braking_delay_s")})
 
     def plan(self, car: PlannedCar) -> float:
-        turn_rates = self._turn_rates(car)
+        turn_rates, belief = self._learn(car)
         near = _near(car, self.horizon_s, self.margin_m)
-        way = _occupied(car, near, turn_rates[near], self.horizon_s, self.margin_m)
+        way = _occupied(car, car.tracks[near], turn_rates[near], belief[near], self.horizon_s, self.margin_m)
         if self._must_brake(car, way):
             return -LARGEST_BRAKING_M_S2
         free = self._free_road(car)
@@ -132,11 +144,14 @@ class IdmAeb(Planner):
     def _yielding(self, car: PlannedCar, free: float, gap_m: Floats, speed_m_s: Floats) -> Floats:
         """Return accelerations (M,) m/s² to yield to tracks that will be gaps (M,) m ahead with speeds (M,) m/s.
 
-        The car brakes as a gap to spare needs, as soon as that is comfortable braking, and gets ready for it from half
-        of that on: most conflicts of predicted paths dissolve before.
+        The car stops `gap_m` before, if comfortable braking is enough for that, else as near as it must. It brakes as
+        soon as comfortable braking is needed, and gets ready for it from half of that on: most conflicts of predicted
+        paths dissolve before.
         """
         least = self.braking_m_s2
-        needed = np.maximum(car.speed_m_s - speed_m_s, 0.0) ** 2 / (2 * np.maximum(gap_m - self.gap_m, gap_m / 2))
+        twice = np.maximum(car.speed_m_s - speed_m_s, 0.0) ** 2 / 2
+        with_gap = np.where(twice > 0, twice / np.maximum(gap_m - self.gap_m, 1e-9), 0.0)
+        needed = np.minimum(with_gap, np.maximum(twice / np.maximum(gap_m, 0.1), least))
         share = np.clip(2 * needed / least - 1, 0.0, 1.0)
         accelerations: Floats = free - share * (free + needed)
         return accelerations
@@ -181,7 +196,7 @@ class IdmAeb(Planner):
         earlier = (lead_s > self.margin_s) | ((lead_s > -self.margin_s) & from_left)
         needed = way.speed / (2 * np.maximum(enters, _STEP_S))
         goes = (right == HAS_PRIORITY) | ((right == NOBODY_FIRST) & earlier)
-        left_to_brake: Mask = goes & ~way.on_foot & (needed < self.braking_m_s2)
+        left_to_brake: Mask = goes & ~way.on_foot & (needed < _WITH_EASE_M_S2)
         return left_to_brake
 
     def _must_brake(self, car: PlannedCar, way: _Occupied) -> bool:
@@ -200,24 +215,36 @@ class IdmAeb(Planner):
             self.braking_delay_s * NS_PER_S
         )
 
-    def _turn_rates(self, car: PlannedCar) -> Floats:
-        """Return the turn rates (N,) rad/s of tracks, smoothed from the directions that they had before."""
-        tracks, known = car.tracks, self._headings
+    def _learn(self, car: PlannedCar) -> tuple[Floats, Floats]:
+        """Return the turn rates (N,) rad/s of tracks, and the share (N,) of their velocities that is believed."""
+        tracks, before = car.tracks, self._known
         direction, speed = np.arctan2(*tracks.velocity.T[::-1]), np.hypot(*tracks.velocity.T)
-        rates = np.zeros(len(tracks))
-        self._headings = {}
+        turns = speed > 2 * _SLOWEST_M_S
+        self._known = {}
         for k, identity in enumerate(tracks.id.tolist()):
-            before = known.get(identity)
-            if before is not None and speed[k] > 2 * _SLOWEST_M_S and car.time_ns > before[0]:
-                turned = float(wrap_angle(direction[k] - before[1])) + car.turned_rad
-                rates[k] = _smoothed(before[2], turned, (car.time_ns - before[0]) / NS_PER_S, float(speed[k]))
-            self._headings[identity] = (car.time_ns, float(direction[k]), float(rates[k]))
-        return rates
+            known, rate = before.get(identity), 0.0
+            since_ns = car.time_ns if known is None else known.since_ns
+            if known is not None and turns[k] and car.time_ns > known.seen_ns:
+                turned = float(wrap_angle(direction[k] - known.direction)) + car.turned_rad
+                rate = _smoothed(known.turn_rate, turned, (car.time_ns - known.seen_ns) / NS_PER_S, float(speed[k]))
+            self._known[identity] = _Known(since_ns, car.time_ns, float(direction[k]), rate)
+        rates = np.array([each.turn_rate for each in self._known.values()])
+        age_s = (car.time_ns - np.array([each.since_ns for each in self._known.values()])) / NS_PER_S
+        return rates, np.minimum((age_s + car.dt_s) / _BELIEF_S, 1.0)
+
+
+class _Known(NamedTuple):
+    """Memory of a track: when it was seen first and last, its direction then, rad, and its turn rate, rad/s."""
+
+    since_ns: int
+    seen_ns: int
+    direction: float
+    turn_rate: float
 
 
 def _smoothed(rate: float, turned: float, passed_s: float, speed: float) -> float:
     """Return the turn rate, rad/s, of a track that had one before and has turned by an angle, rad, since."""
-    most, weight = _LATERAL_M_S2 / speed, math.exp(-passed_s / _TURNING_S)
+    most, weight = min(_LATERAL_M_S2 / speed, speed / _RADIUS_M), math.exp(-passed_s / _TURNING_S)
     return weight * rate + (1 - weight) * min(max(turned / passed_s, -most), most)
 
 
@@ -269,23 +296,24 @@ def _near(car: PlannedCar, horizon_s: float, margin_m: float) -> Mask:
     return near
 
 
-def _occupied(car: PlannedCar, near: Mask, turn_rate: Floats, horizon_s: float, margin_m: float) -> _Occupied:
+def _occupied(
+    car: PlannedCar, tracks: Tracks, turn_rate: Floats, belief: Floats, horizon_s: float, margin_m: float
+) -> _Occupied:
     """Predict tracks with constant speed and turn rate, and place them on the route."""
-    tracks, times = car.tracks, np.linspace(0.0, horizon_s, round(horizon_s / _STEP_S) + 1)
-    speed = np.hypot(*tracks.velocity[near].T)
-    centers, yaw = _predicted(tracks, near, turn_rate, times)
+    times = np.linspace(0.0, horizon_s, round(horizon_s / _STEP_S) + 1)
+    velocity, forward = _believed(car, tracks, belief)
+    centers, yaw = _predicted(tracks, velocity, turn_rate, times)
     along, aside, nearest = car.route.place(centers.reshape(-1, 2))
-    tangent = car.route.tangents[nearest]
-    shape = (len(times), len(speed))
+    tangent, shape = car.route.tangents[nearest], yaw.shape
     cos, sin = np.cos(yaw), np.sin(yaw)
     east, north = tangent[:, 0].reshape(shape), tangent[:, 1].reshape(shape)
     parallel, across = np.abs(cos * east + sin * north), np.abs(sin * east - cos * north)
-    length, width = tracks.boxes.size[near, :2].T / 2
+    length, width = tracks.boxes.size[:, :2].T / 2
     half_along, half_aside = length * parallel + width * across, length * across + width * parallel
     along, aside = along.reshape(shape), aside.reshape(shape)
     free_m = np.abs(aside) - half_aside - car.width_m / 2
-    velocity = tracks.velocity[near]
-    speed_along = velocity[:, 0] * east[0] + velocity[:, 1] * north[0]
+    speed = np.hypot(*velocity.T)
+    follows = forward > np.sqrt(np.maximum(speed**2 - forward**2, 0.0))
     return _Occupied(
         times,
         free_m < margin_m,
@@ -294,15 +322,23 @@ def _occupied(car: PlannedCar, near: Mask, turn_rate: Floats, horizon_s: float, 
         along - half_along,
         along + half_along,
         speed,
-        speed_along,
-        (speed < _SLOWEST_M_S) | (speed_along > np.abs(velocity[:, 1] * east[0] - velocity[:, 0] * north[0])),
-        np.isin(tracks.label[near], _ON_FOOT),
+        forward,
+        (speed < _SLOWEST_M_S) | follows,
+        np.isin(tracks.label, _ON_FOOT),
     )
 
 
-def _predicted(tracks: Tracks, near: Mask, turn_rate: Floats, times: Floats) -> tuple[Floats, Floats]:
+def _believed(car: PlannedCar, tracks: Tracks, belief: Floats) -> tuple[Floats, Floats]:
+    """Return velocities (N, 2) m/s of tracks, of which the part (N,) along the route counts in full, and that part."""
+    _, _, nearest = car.route.place(tracks.boxes.center[:, :2])
+    tangent = car.route.tangents[nearest]
+    forward: Floats = np.einsum("nd,nd->n", tracks.velocity, tangent)
+    onto = tracks.velocity - forward[:, None] * tangent
+    return forward[:, None] * tangent + belief[:, None] * onto, forward
+
+
+def _predicted(tracks: Tracks, velocity: Floats, turn_rate: Floats, times: Floats) -> tuple[Floats, Floats]:
     """Return centres (T, N, 2) m and headings (T, N) rad of tracks with constant speed and turn rate."""
-    velocity = tracks.velocity[near]
     speed, direction = np.hypot(*velocity.T), np.arctan2(*velocity.T[::-1])
     speed = np.where(speed < _SLOWEST_M_S, 0.0, speed)
     turned = turn_rate * times[:, None]
@@ -310,4 +346,4 @@ def _predicted(tracks: Tracks, near: Mask, turn_rate: Floats, times: Floats) -> 
     chord = speed * times[:, None] * np.sinc(turned / (2 * np.pi))
     towards = direction + turned / 2
     step = chord[..., None] * np.stack([np.cos(towards), np.sin(towards)], axis=-1)
-    return tracks.boxes.center[near, :2] + step, tracks.boxes.yaw[near] + turned
+    return tracks.boxes.center[:, :2] + step, tracks.boxes.yaw + turned

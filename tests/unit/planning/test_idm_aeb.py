@@ -165,7 +165,7 @@ def test_it_waits_for_crossing_traffic_where_it_gives_way() -> None:
 def test_with_priority_it_goes_on_while_the_other_can_still_stop() -> None:
     far = Other(28.0, -26.0, vy=8.0)
     yielding, priority = (
-        drive([far], speed=10.0, seconds=0.3, right_of_way=side) for side in (GIVES_WAY, HAS_PRIORITY)
+        drive([far], speed=10.0, seconds=0.7, right_of_way=side) for side in (GIVES_WAY, HAS_PRIORITY)
     )
     assert min(priority.acceleration) > min(yielding.acceleration)
 
