@@ -35,10 +35,16 @@ _OUT_M = 30.0  # how much farther west the slip road turns
 _MAIN_SPEED_M_S, _SLIP_SPEED_M_S, _TURN_SPEED_M_S = 14.0, 11.0, 8.0
 _BARRIER_HEIGHT_M = 3.0
 _MAST_M = 6.0
+_VERGE_M = 0.8  # from the edge of the main road to a barrier beside it
 
 
-def make_merge() -> Layout:
-    """Build the layout; it has no parameters and no randomness."""
+def make_merge(hidden_m: float | None = None) -> Layout:
+    """Build the layout; it has no randomness.
+
+    Args:
+        hidden_m: distance between the end of a barrier at the edge of the main road and the place where the roads meet;
+            None: the barrier stands half-way between the roads.
+    """
     network = RoadNetwork()
     _add_main_road(network)
     _add_slip_road(network)
@@ -66,7 +72,7 @@ def make_merge() -> Layout:
         rsus=rsus,
         rsu_height_m=_MAST_M,
         speeds_m_s=(0.0, _MAIN_SPEED_M_S / 2, _MAIN_SPEED_M_S),
-        static=(*town_parts(road_map, [], [], rsus, _MAST_M), *_roadside()),
+        static=(*town_parts(road_map, [], [], rsus, _MAST_M), *_roadside(hidden_m)),
         road_map=road_map,
         movements=(("line", "join"), ("give_way", "join")),
         flights=flights_around(np.array([0.0, -_HALF_M])),
@@ -119,11 +125,13 @@ def _connected_order(slots: tuple[StartSlot, ...]) -> tuple[int, ...]:
     return tuple(sorted(range(len(slots)), key=rank))
 
 
-def _roadside() -> list[StaticPart]:
+def _roadside(hidden_m: float | None) -> list[StaticPart]:
     """Build the barrier that hides the two roads from each other, another behind the main road, and edge lines."""
-    middle = -_HALF_M - _SLIP_M / 2
+    barrier = ((_WEST_M, -55.0), -_HALF_M - _SLIP_M / 2)
+    if hidden_m is not None:
+        barrier = ((_WEST_M, -hidden_m), -_HALF_M - LANE_M / 2 - _VERGE_M)
     walls = [
-        ((_WEST_M, -55.0), middle),
+        barrier,
         ((_WEST_M, _EAST_M), -_HALF_M + 5.0),
         ((_WEST_M, _EAST_M), _HALF_M - 5.0),
         ((_WEST_M, _EAST_M), _HALF_M + 6.0),

@@ -7,7 +7,7 @@ named by their nodes: `far` -> `near` -> `stop` on the way in, `exit` -> `bend` 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -131,12 +131,16 @@ def add_turns(
     streets: Streets,
     middle: Floats | None = None,
     node: Callable[[str, int], str] = usual_node,
+    turns: Sequence[int] = (1, 2, 3),
 ) -> tuple[tuple[str, str], ...]:
-    """Add lanes from every arm's stop line to the other arms' exits, around `middle` (2,) m; return these roads."""
+    """Add lanes from every arm's stop line to the other arms' exits, around `middle` (2,) m; return these roads.
+
+    `turns` are numbers of arms onwards: 1 to the right, 2 straight on, 3 to the left.
+    """
     stop, half, roads = streets.stop_m, streets.half_m, []
     centre = np.zeros(2) if middle is None else middle
     for arm in streets.arms:
-        for turn in (1, 2, 3):
+        for turn in turns:
             other = (arm + turn) % 4
             if other not in streets.arms:
                 continue

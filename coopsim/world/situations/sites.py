@@ -117,6 +117,21 @@ def find_way(network: RoadNetwork, lane: LaneIndex, along_m: float, reach: Reach
     return Way(network, tuple(lanes), low_m + np.append(0.0, np.cumsum(lengths)[:-1]))
 
 
+def way_through(network: RoadNetwork, roads: Sequence[Road], number: int, along_m: float) -> Way:
+    """Return the way along some roads with the place of interest on one of them.
+
+    Args:
+        network: the roads.
+        roads: roads one after another; the way takes the first lane of each.
+        number: number of the road of the place among these.
+        along_m: distance of the place from that road's start; a negative one counts from its end.
+    """
+    lengths = [network.get_lane((*road, 0)).length for road in roads]
+    place_m = sum(lengths[:number]) + along_m + (lengths[number] if along_m < 0 else 0.0)
+    lanes = tuple((*road, 0) for road in roads)
+    return Way(network, lanes, np.append(0.0, np.cumsum(lengths)[:-1]) - place_m)
+
+
 def comfortable_m_s(lane: Lane) -> float:
     """Return the largest comfortable speed in a lane's bend, m/s; infinite on a straight lane."""
     return math.sqrt(_LATERAL_M_S2 * lane.radius) if isinstance(lane, CircularLane) else math.inf

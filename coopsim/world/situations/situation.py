@@ -85,13 +85,17 @@ class Situation(EpisodeScenarios):
 
     named: ClassVar[str]
     """Name of the scenario with the built-in place."""
+    elsewhere: ClassVar[bool] = True
+    """Whether other places than the built-in one may have sites."""
     over_s: ClassVar[float] = 10.0
     """Time at which the situation is over."""
     most_actors = _MOST_ACTORS
 
     def __post_init__(self) -> None:
         if not isinstance(self.place, Place):
-            require_choice("place", self.place, (NAMED, *scenario_names()))
+            require_choice("place", self.place, (NAMED, *scenario_names()) if self.elsewhere else (NAMED,))
+        elif not self.elsewhere:
+            raise InvalidValueError(f"place must be {NAMED!r} for {self.name!r}, got {self.place.name!r}")
         require_probability(penetration=self.penetration)
         require_count(0, 1, rsus=self.rsus)
         if self.place_seed is not None and self.place != TOWN:
