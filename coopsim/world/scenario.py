@@ -26,7 +26,7 @@ from coopsim.world.places.layout import Layout
 from coopsim.world.places.merge import make_merge
 from coopsim.world.places.urban_grid import make_urban_grid
 from coopsim.world.population import Population, require_one_of_each
-from coopsim.world.situations.script import Script
+from coopsim.world.script import Script
 from coopsim.world.snapshot import StaticPart
 
 DETAILS = ("plain", "full")

@@ -9,7 +9,7 @@ import numpy as np
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.catalogue import make_models
 from coopsim.world.models.model import Model
-from coopsim.world.situations.script import VehicleRole
+from coopsim.world.script import VehicleRole
 from coopsim.world.situations.sites import Way, comfortable_m_s
 
 CONFLICT_S = 4.5

@@ -18,8 +18,8 @@ from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.places.avenue import BAY_M, make_avenue
 from coopsim.world.places.layout import Layout
 from coopsim.world.places.road_network import CircularLane
+from coopsim.world.script import VehicleRole
 from coopsim.world.situations.casting import CONFLICT_S, HEADWAY_S, draw, draw_model, passing
-from coopsim.world.situations.script import VehicleRole
 from coopsim.world.situations.sites import Way, way_through, with_limits
 from coopsim.world.situations.situation import EGO, SITUATIONS, Range, Situation, Stage
 

@@ -19,8 +19,8 @@ from coopsim.geometry import exact
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.places.layout import Layout
 from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork, StraightLane
+from coopsim.world.script import VehicleRole
 from coopsim.world.situations.casting import CONFLICT_S, HEADWAY_S, draw, draw_model, passing
-from coopsim.world.situations.script import VehicleRole
 from coopsim.world.situations.sites import Reach, Way, find_way, oncoming_way, way_through, with_limits
 from coopsim.world.situations.situation import EGO, SITUATIONS, Range, Situation, Stage
 

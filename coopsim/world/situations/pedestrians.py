@@ -15,8 +15,8 @@ import numpy as np
 
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.places.layout import Layout
+from coopsim.world.script import VehicleRole, WalkRole
 from coopsim.world.situations.casting import CONFLICT_S, HEADWAY_S, draw, draw_model, passing, standing
-from coopsim.world.situations.script import VehicleRole, WalkRole
 from coopsim.world.situations.sites import KerbSite, Reach, Way, kerb_sites, oncoming_way, with_limits
 from coopsim.world.situations.situation import EGO, SITUATIONS, Range, Situation, Stage
 

@@ -15,8 +15,8 @@ import numpy as np
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.places.layout import Layout
 from coopsim.world.places.road_network import StraightLane
+from coopsim.world.script import VehicleRole
 from coopsim.world.situations.casting import HEADWAY_S, draw, draw_model, passing, standing
-from coopsim.world.situations.script import VehicleRole
 from coopsim.world.situations.sites import Reach, Way, find_way, with_limits
 from coopsim.world.situations.situation import EGO, SITUATIONS, Range, Situation, Stage
 

@@ -21,7 +21,7 @@ from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.places.layout import Layout
 from coopsim.world.population import Population
 from coopsim.world.scenario import EpisodeScenarios, Place, Scenario, make_scenario
-from coopsim.world.situations.script import Script, VehicleRole, WalkRole
+from coopsim.world.script import Script, VehicleRole, WalkRole
 from coopsim.world.towns.options import PlaceSeeds, TownOptions
 from coopsim.world.towns.scenarios import TOWN, scenario_names
 from coopsim.world.towns.town import draw_place

@@ -13,7 +13,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.world.models.catalogue import draw_models, models_of
 from coopsim.world.models.model import Model
-from coopsim.world.situations.script import WalkRole
+from coopsim.world.script import WalkRole
 
 
 class ScriptedPeople:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from coopsim.world.places.road_network import LaneIndex
-from coopsim.world.situations.script import VehicleRole
+from coopsim.world.script import VehicleRole
 from coopsim.world.traffic.fleet import TOWN, Fleet
 from coopsim.world.traffic.lanes import NumberedNetwork
 from coopsim.world.traffic.rules import STANDING_M_S

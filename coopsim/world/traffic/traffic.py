@@ -19,7 +19,7 @@ from coopsim.world.models.model import Model
 from coopsim.world.places.layout import LANE_M, Layout, StartSlot
 from coopsim.world.places.road_network import LaneIndex, Road
 from coopsim.world.population import Population
-from coopsim.world.situations.script import Script, VehicleRole
+from coopsim.world.script import Script, VehicleRole
 from coopsim.world.traffic.array_engine import ArrayEngine, closest_speed
 from coopsim.world.traffic.cut_out import CutOut
 from coopsim.world.traffic.fleet import CHAUFFEURED, HIGHWAY, PARKED, PEDALLED, TOWN, UNYIELDING, VEHICLE, Fleet

@@ -17,7 +17,7 @@ from coopsim.world.places.crossings import make_crossing
 from coopsim.world.places.highway import make_highway
 from coopsim.world.places.layout import Layout
 from coopsim.world.population import Population
-from coopsim.world.situations.script import Script, VehicleRole
+from coopsim.world.script import Script, VehicleRole
 from coopsim.world.traffic.fleet import BODY
 from coopsim.world.traffic.traffic import Traffic
 
