@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from coopsim.bench.grid.cell import Axis, varying_axes
-from coopsim.bench.report.formats import line_style, to_svg
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import known_mean
 from coopsim.bench.results.statistics import Interval
 from coopsim.bench.safety.paired import along, calm
 from coopsim.bench.safety.safety_text import crash_rate
 from coopsim.metrics.built_in import BYTES
+from coopsim.support.svg import line_style, to_svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
