@@ -25,6 +25,7 @@ from tqdm import tqdm
 
 import coopsim
 from coopsim.bench.results.statistics import mean_interval
+from coopsim.cli.arguments import seeds
 from coopsim.data.recording_set import RecordingSet
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.types.taxonomy import ObjectClass
@@ -202,15 +203,10 @@ def table(values: Mapping[Crew, Sequence[Values]], real: Mapping[str, Values]) -
     return tabulate(rows, heading, tablefmt="github", disable_numparse=True)
 
 
-def _places(text: str) -> range:
-    first, _, last = text.partition("-")
-    return range(int(first), int(last or first) + 1)
-
-
 def main() -> None:
     """Read the arguments, measure, print."""
     parser = argparse.ArgumentParser(description="Measure what agents in drawn towns sense.")
-    parser.add_argument("--places", type=_places, default=range(40), help="place seeds (default: 0-39)")
+    parser.add_argument("--places", type=seeds, default="0-39", help="place seeds (default: 0-39)")
     parser.add_argument("--seconds", type=int, default=20, help="of each (default: %(default)s)")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--v2v4real", type=Path, help="V2V4Real as a recording set")

@@ -1,7 +1,8 @@
-"""Draw towns, look for faults, drive their traffic without sensing, and print tables.
+"""Draw towns, look for faults, drive their traffic or that of scenarios without sensing, and print tables.
 
     python scripts/survey_towns.py --places 0-499 --seconds 120 --processes 2
     python scripts/survey_towns.py --places 0-9999 --only-draw --processes 2
+    python scripts/survey_towns.py --scenarios crossing,village.yaml --seeds 0-2 --seconds 3600 --processes 2
 
 What is finished is kept in a file of JSON lines (--out), so that the same command goes on where it was stopped
 (Ctrl-C); lines of other options are left alone. Delete the file after a change of the code. The measures are defined in
@@ -17,8 +18,8 @@ import signal
 import sys
 import warnings
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, fields
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -26,10 +27,15 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+import yaml
 from tabulate import tabulate
 from town_survey import JAM_S, Standstill, find_faults, fingerprint, survey_traffic
 from tqdm import tqdm
 
+from coopsim.cli.arguments import names, seeds
+from coopsim.envs.simulated.scenario_file import load_scenario_file
+from coopsim.world.population import Population
+from coopsim.world.scenario import make_scenario
 from coopsim.world.towns.options import PlaceSeeds, TownOptions
 from coopsim.world.towns.scenarios import TownScenarios
 from coopsim.world.towns.town import draw_place
@@ -57,6 +63,29 @@ def survey(place: int, *, options: TownOptions, density: float, seconds: float) 
     except Exception as error:  # whatever happens in one of 10,000 places shall not stop the others
         row["error"] = f"{type(error).__name__}: {error}"
     return row
+
+
+def survey_scenario(name_seed: tuple[str, int], *, numbers: Mapping[str, Any], seconds: float) -> Row:
+    """Drive a scenario, or that of a file, with other numbers of a `Population`; its row is as `survey` has it."""
+    name, seed = name_seed
+    if name.endswith(".yaml"):
+        file = load_scenario_file(name)
+        counts = {each.name: file.keywords[each.name] for each in fields(Population) if each.name in file.keywords}
+        scenario = make_scenario(file.scenario, **{**counts, **numbers})
+    else:
+        scenario = make_scenario(name, **numbers)
+    return {"place": f"{name} {seed}", "drive": asdict(survey_traffic(scenario, seed, seconds))}
+
+
+def scenario_table(rows: Sequence[Row]) -> str:
+    """Return the table of scenarios, a row for each episode, in Markdown."""
+    cells = []
+    for row in rows:
+        drive, waits_s = row["drive"], row["drive"]["waits_s"]
+        speeds = f"{drive['first_m_s']:.1f}, {drive['last_m_s']:.1f}"
+        cells.append([row["place"], len(drive["crashes"]), drive["fewest"], f"{max(waits_s, default=0):.0f}", speeds])
+    heads = ("scenario", "crashes", "actors, least", "longest standstill, s", "m/s, first and last sixth")
+    return tabulate(cells, heads, tablefmt="github", disable_numparse=True)
 
 
 def validity_table(rows: Sequence[Row]) -> str:
@@ -150,39 +179,40 @@ def read_rows(path: Path, settings: str) -> dict[int, Row]:
 
 def run(arguments: argparse.Namespace) -> dict[int, Row]:
     """Survey the places that are not in the file yet, and add them to it; Ctrl-C ends this early."""
-    options = TownOptions(arguments.junctions, arguments.openness, arguments.lanes)
-    job = {
-        "options": options,
-        "density": arguments.density,
-        "seconds": 0.0 if arguments.only_draw else arguments.seconds,
-    }
+    job: dict[str, Any] = {"seconds": 0.0 if arguments.only_draw else arguments.seconds}
+    wanted: dict[Any, Any] = {place: place for place in arguments.places}
+    made: Callable[..., Row] = survey
+    if arguments.scenarios:
+        made, job["numbers"] = survey_scenario, arguments.numbers
+        wanted = {f"{name} {seed}": (name, seed) for name in arguments.scenarios for seed in arguments.seeds}
+    else:
+        options = TownOptions(arguments.junctions, arguments.openness, arguments.lanes)
+        job = {"options": options, "density": arguments.density, **job}
     settings = str(job)
     rows = read_rows(arguments.out, settings)
-    left = [place for place in arguments.places if place not in rows]
+    left = [each for place, each in wanted.items() if place not in rows]
     context = get_context("spawn")
     pool = context.Pool(arguments.processes, signal.signal, (signal.SIGINT, signal.SIG_IGN), maxtasksperchild=200)
-    bar = tqdm(total=len(arguments.places), initial=len(arguments.places) - len(left), unit="town", smoothing=0.05)
+    bar = tqdm(total=len(wanted), initial=len(wanted) - len(left), unit="place", smoothing=0.05)
     with pool, bar, arguments.out.open("a") as file:
         try:
-            for row in pool.imap_unordered(partial(survey, **job), left):
+            for row in pool.imap_unordered(partial(made, **job), left):
                 rows[row["place"]] = row | {"settings": settings}
                 file.write(json.dumps(rows[row["place"]]) + "\n")
                 file.flush()
                 bar.update()
         except KeyboardInterrupt:
             print(f"stopped; the same command goes on from {arguments.out}", file=sys.stderr)
-    return {place: rows[place] for place in arguments.places if place in rows}
-
-
-def _places(text: str) -> range:
-    first, _, last = text.partition("-")
-    return range(int(first), int(last or first) + 1)
+    return {place: rows[place] for place in wanted if place in rows}
 
 
 def main() -> None:
     """Read the arguments, survey, print."""
-    parser = argparse.ArgumentParser(description="Survey drawn towns: faults, crashes, jams.")
-    parser.add_argument("--places", type=_places, default=range(20), help="place seeds, as 0-499 (default: 0-19)")
+    parser = argparse.ArgumentParser(description="Survey towns and scenarios: faults, crashes, jams.")
+    parser.add_argument("--places", type=seeds, default="0-19", help="place seeds, as 0-499 (default: 0-19)")
+    parser.add_argument("--scenarios", type=names, default=(), help="drive these, or scenario files, in place of towns")
+    parser.add_argument("--seeds", type=seeds, default="0", help="of the scenarios' traffic (default: %(default)s)")
+    parser.add_argument("--numbers", type=yaml.safe_load, default={}, help="of scenarios' actors: '{buses: 8}'")
     parser.add_argument("--seconds", type=float, default=120.0, help="to drive each (default: %(default)g)")
     parser.add_argument("--only-draw", action="store_true", help="drive none")
     parser.add_argument("--processes", type=int, default=1)
@@ -193,6 +223,9 @@ def main() -> None:
     parser.add_argument("--lanes", type=int, help="most a direction, 1 to 3 (default: drawn)")
     arguments = parser.parse_args()
     rows = list(run(arguments).values())
+    if arguments.scenarios:
+        print("\n".join(list_troubles(rows)), scenario_table(rows), sep="\n\n")
+        return
     if rows:
         print("\n".join(list_troubles(rows)), validity_table(rows), sep="\n\n")
     if any("drive" in row for row in rows):

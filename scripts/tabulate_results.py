@@ -175,10 +175,8 @@ def figure(measured: Sequence[Measured], titles: dict[str, list[str]]) -> str:
         panel = made.subplots()
         for number, (title, policies) in enumerate(titles.items()):
             mine = [each.values for each in measured if each.place == EVERYWHERE and each.policy in policies]
-            points = sorted(
-                (each["bytes_per_message"][0] * MESSAGES_PER_S, each["APBEV@0.5"][0])  # type: ignore[operator]
-                for each in mine
-            )
+            pairs = [(each["bytes_per_message"][0], each["APBEV@0.5"][0]) for each in mine]
+            points = sorted((size * MESSAGES_PER_S, ap) for size, ap in pairs if size is not None and ap is not None)
             style, color = line_style(number)
             if points and points[-1][0] == 0:
                 panel.axhline(points[-1][1], color=color, ls=":", label=title)

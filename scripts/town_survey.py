@@ -13,7 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -98,6 +98,9 @@ class TrafficSurvey:
         crashes: in order of time.
         waits_s: durations of all standstills of at least `SHORTEST_WAIT_S`.
         jams: standstills longer than `JAM_S`.
+        first_m_s: mean speed in the first sixth of the time, as in the first ten minutes of an hour.
+        last_m_s: mean speed in the last sixth.
+        fewest: smallest number of actors, people included.
     """
 
     seconds: float
@@ -107,6 +110,9 @@ class TrafficSurvey:
     crashes: tuple[Crash, ...]
     waits_s: tuple[float, ...]
     jams: tuple[Standstill, ...]
+    first_m_s: float = 0.0
+    last_m_s: float = 0.0
+    fewest: int = 0
 
     @property
     def speed_m_s(self) -> float:
@@ -123,16 +129,26 @@ def survey_traffic(scenario: Scenario, seed: int, seconds: float) -> TrafficSurv
         seconds: to drive.
     """
     world = World(scenario, seed)
-    diary = Diary(world.fleet.rows)
-    for step in range(round(seconds / DT_S)):
+    diary, steps, actors = Diary(world.fleet.rows), round(seconds / DT_S), []
+    driven = np.zeros((steps + 1, 2))
+    for step in range(steps):
         world.step(DT_S)
         diary.note(world.fleet.rows, (step + 1) * DT_S)
-    return diary.summary(world.fleet.rows)
+        driven[step + 1] = diary.km, diary.hours
+        actors.append(len(world.actors()))
+    part = max(1, steps // 6)
+    (first_km, first_h), (last_km, last_h) = driven[part], driven[-1] - driven[-1 - part]
+    return replace(
+        diary.summary(world.fleet.rows),
+        first_m_s=first_km / first_h / 3.6 if first_h else 0.0,
+        last_m_s=last_km / last_h / 3.6 if last_h else 0.0,
+        fewest=min(actors),
+    )
 
 
 @dataclass
 class Diary:
-    """Notes of one episode, step by step, of a fleet (N,) `VEHICLE` whose vehicles are never replaced.
+    """Notes of one episode, step by step, of a fleet (N,) `VEHICLE`; one that leaves is replaced in its row.
 
     Args:
         rows: the fleet at the start.
