@@ -6,6 +6,7 @@ all metrics; each family is computed in a file of its own.
 """
 
 from coopsim.metrics.average_precision import average_precision_of
+from coopsim.metrics.drive_events import DriveEvents
 from coopsim.metrics.drive_log import Drive, DriveFrame, DriveLog
 from coopsim.metrics.evaluator import Evaluator, FrameCounts
 from coopsim.metrics.log_pool import LogPool
@@ -16,6 +17,7 @@ from coopsim.metrics.track_log import FlatLog, TrackLog
 __all__ = [
     "METRICS",
     "Drive",
+    "DriveEvents",
     "DriveFrame",
     "DriveLog",
     "Evaluator",

@@ -7,10 +7,12 @@ import math
 import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.metrics.drive_log import DriveFrame, DriveLog
 from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.log_pool import LogPool
 from coopsim.metrics.metric import METRICS, Metric
-from coopsim.types import GroundTruth, Tracks
+from coopsim.types import NS_PER_S, GroundTruth, Tracks
+from coopsim.types.driving import CarState, Route
 
 _FRAMES = 12
 
@@ -18,9 +20,9 @@ _FRAMES = 12
 def check_metric(metric: str | Metric | type[Metric]) -> None:
     """Check that a metric keeps what scores, tables and reports rely on.
 
-    It must be described in one line; give a number or None for any log, an empty one included; give the same value
-    again, whatever numbers identify objects and tracks; leave the logs as they are; and not call tracks that are all
-    false better than tracks that are all right.
+    It must be described in one line; give a number or None for any log, an empty one included, with a drive beside it;
+    give the same value again, whatever numbers identify objects and tracks; leave the logs as they are; and not call
+    tracks that are all false better than tracks that are all right.
 
     Args:
         metric: a registered name, a class or an object.
@@ -38,7 +40,7 @@ def check_metric(metric: str | Metric | type[Metric]) -> None:
     right = _value(made, name, _log(shift_m=0.0))
     again = _value(made, name, _log(shift_m=0.0))
     assert _close(right, again), f"{name} must give the same value for the same log"
-    renamed = _value(made, name, _log(shift_m=0.0, first_id=1000))
+    renamed = _value(made, name, _log(shift_m=0.0, first_id=1000), first_id=1000)
     assert _close(right, renamed), f"{name} must not depend on the numbers of ids, got {right} and {renamed}"
     for log in (Evaluator(), _log(objects=0), _log(tracks=0)):
         _value(made, name, log)
@@ -51,8 +53,8 @@ def check_metric(metric: str | Metric | type[Metric]) -> None:
         )
 
 
-def _value(metric: Metric, name: str, evaluator: Evaluator) -> float | None:
-    pool = LogPool.of([evaluator.log], bytes_per_s=100.0)
+def _value(metric: Metric, name: str, evaluator: Evaluator, first_id: int = 1) -> float | None:
+    pool = LogPool.of([evaluator.log], bytes_per_s=100.0, drives=[_drive(first_id)])
     before = LogPool.of([evaluator.log])
     value = metric.value(pool)
     assert value is None or isinstance(value, (int, float, np.number)), (
@@ -84,6 +86,24 @@ def _log(shift_m: float = 0.0, first_id: int = 1, objects: int = 3, tracks: int 
             ),
         )
     return evaluator
+
+
+def _drive(first_id: int) -> DriveLog:
+    """Drive on a straight road towards a standing car, which is tracked from the third frame on, and brake."""
+    log, speed, x = DriveLog(), 10.0, 0.0
+    ways = np.arange(50.0)
+    route = Route(np.column_stack([ways, 0.0 * ways]), 1.0, np.full(50, 14.0), np.zeros(50, np.int64))
+    for frame in range(_FRAMES):
+        box, label = Boxes3D.from_array([[40.0 - x, 0.0, 0.8, 4.5, 1.9, 1.6, 0.0]]), np.zeros(1, np.int64)
+        acceleration = -4.0 if frame >= _FRAMES // 2 else 0.0
+        truth = GroundTruth(np.array([first_id]), box, label, label, np.zeros((1, 2)))
+        tracks = Tracks(np.array([7 * first_id]), box, np.zeros((1, 2)), np.ones(1), label)
+        car = CarState(speed, acceleration, 4.5, 1.9, False, route)
+        pose = np.array([x, 0.0, 0.0])
+        reported = tracks if frame > 1 else Tracks.empty()
+        log.append(DriveFrame(frame * NS_PER_S // 10, pose, car, truth, reported, acceleration, (first_id,)))
+        x, speed = x + 0.1 * speed, speed + 0.1 * acceleration
+    return log
 
 
 def _row(members: list[int], frame: int, shift_m: float) -> Boxes3D:

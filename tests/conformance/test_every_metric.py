@@ -53,6 +53,11 @@ class ReadsIds(Good):
         return float(sum(log.track_id.sum() for log in pool.logs))
 
 
+class ReadsDriveIds(Good):
+    def value(self, pool: LogPool) -> float | None:
+        return float(sum(log.drive.ids.sum() for log in pool.drives))
+
+
 class Divides(Good):
     def value(self, pool: LogPool) -> float | None:
         return 1 / pool.objects
@@ -77,6 +82,7 @@ class WrongWay(Good):
         (Shouts, "must be a number or None, got 'many'"),
         (Counts, "must give the same value for the same log"),
         (ReadsIds, "must not depend on the numbers of ids"),
+        (ReadsDriveIds, "must not depend on the numbers of ids"),
         (Divides, "division by zero"),
         (Changes, "must leave the logs as they are, and changed score"),
         (WrongWay, "less is better"),

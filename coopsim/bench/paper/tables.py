@@ -115,7 +115,7 @@ def _legend(table: ResultTable, compared: Sequence[Sequence[BestComparison]]) ->
     samples = table.samples
     parts = [f"mean over {escape(samples.text)}"]
     if samples.count > 1:
-        rates = any(not entry.interval.is_even for entries in compared for entry in entries)
+        rates = any(entry.interval.is_rate for entries in compared for entry in entries)
         kinds = "Student's t" + "; of rates, in brackets, Wilson's" * rates
         parts[0] += rf" $\pm$ half of the 95\,\% interval ({kinds})"
     if any(entry.best for entries in compared for entry in entries):

@@ -141,9 +141,9 @@ def interval_beside(interval: Interval, form: str, plus_minus: str = "±") -> st
     """Return an interval as it stands beside its mean: "± 1.2", or "(0.3 to 4.0)" of a rate; empty if not known."""
     if math.isnan(interval.half_width):
         return ""
-    if interval.is_even:
-        return f"{plus_minus} {format_value(interval.half_width, form)}"
-    return f"({format_value(interval.low, form)} to {format_value(interval.high, form)})"
+    if interval.is_rate:
+        return f"({format_value(interval.low, form)} to {format_value(interval.high, form)})"
+    return f"{plus_minus} {format_value(interval.half_width, form)}"
 
 
 def escaped(text: str) -> str:

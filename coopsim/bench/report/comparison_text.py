@@ -162,7 +162,7 @@ def _method(comparison: Comparison) -> list[str]:
     if not all(row.is_rate for row in rows):
         methods.append(f"bootstrap-t over {kind}. p: the larger of the bootstrap's and the exact sign-flip test's")
     if any(row.is_rate for row in rows):
-        methods.append(f"{'of rates ' * bool(methods)}Newcombe's over {kind}. p: McNemar's exact test")
+        methods.append(f"{'of rates: ' * bool(methods)}Newcombe's over {kind}. p: McNemar's exact test")
     lines = [
         f"{comparison.matched} pairs of cells, {span}, {compared} comparison{'s' * (compared != 1)}{identical}. "
         f"Intervals: {'; intervals '.join(methods)}; corrected by Holm.",

@@ -36,23 +36,19 @@ _NO_SPREAD = 0.1
 @dataclass(frozen=True, slots=True)
 class Interval:
     """A mean over `count` seeds with its 95 % confidence interval: NaN without values, and ends NaN if not known, as of
-    one seed.
+    one seed. The mean of a rate (`is_rate`) need not be in the middle, so "± half" would be wrong.
     """
 
     mean: float
     low: float
     high: float
     count: int
+    is_rate: bool = False
 
     @property
     def half_width(self) -> float:
         """Half of the interval's length; NaN if it is not known."""
         return (self.high - self.low) / 2
-
-    @property
-    def is_even(self) -> bool:
-        """False if the mean is not in the middle, as of a rate: "± half" would then be wrong."""
-        return not abs(self.high + self.low - 2 * self.mean) > 1e-6 * abs(self.high - self.low)
 
     @property
     def whiskers(self) -> tuple[float, float]:
@@ -99,13 +95,13 @@ def rate_interval(values: Floats) -> Interval:
     known = known[~np.isnan(known)] / 100
     count = len(known)
     if not count:
-        return Interval(math.nan, math.nan, math.nan, 0)
+        return Interval(math.nan, math.nan, math.nan, 0, is_rate=True)
     rate, effective = float(known.mean()), float(count)
     if count > 1 and not _is_yes_no(known):
         variance = float(known.var(ddof=1)) / count
         effective = max(effective, rate * (1 - rate) / variance) if variance > _ROUNDING else effective
     low, high = _wilson(rate, effective)
-    return Interval(100 * rate, 100 * low, 100 * high, count)
+    return Interval(100 * rate, 100 * low, 100 * high, count, is_rate=True)
 
 
 def _is_yes_no(shares: Floats) -> bool:
@@ -140,7 +136,7 @@ def rate_difference(before: Floats, after: Floats) -> tuple[Interval, float] | N
     low, high = (math.sqrt(max(a * a - 2 * shared * a * b + b * b, 0.0)) for a, b in (down, up))
     worse, better = int((yes[1] > yes[0]).sum()), int((yes[1] < yes[0]).sum())
     p_value = float(binomtest(worse, worse + better).pvalue) if worse + better else 1.0
-    return Interval(100 * change, 100 * (change - low), 100 * (change + high), count), p_value
+    return Interval(100 * change, 100 * (change - low), 100 * (change + high), count, is_rate=True), p_value
 
 
 def _shared(before: Floats, after: Floats) -> float:
