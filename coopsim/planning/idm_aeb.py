@@ -177,9 +177,13 @@ class IdmAeb(Planner):
         lasts_s = np.maximum(way.times[last] - enters, _STEP_S)
         speed = np.maximum((way.rear[last, tracks] - way.rear[first, tracks]) / lasts_s, 0.0)
         leads_m = np.minimum(speed, car.speed_m_s) * way.times[:, None]
-        until = way.times[:, None] <= way.times[np.argmax(meets, axis=0)]
+        # A track that goes across or against the route comes nearer until it has left.
+        until = (way.times[:, None] <= way.times[np.argmax(meets, axis=0)]) | (speed <= 0)
         gap = np.where(inside & until, way.rear - leads_m, np.inf).min(axis=0, initial=np.inf) - half_m
-        met = meets.any(axis=0) & (gap > 0)
+        # The car lets a track pass that will be beside it, before the place where that comes onto the route.
+        beside, begins_m = (gap <= 0) & (speed > 0), way.rear[first, tracks] - half_m
+        gap, speed = np.where(beside, begins_m, np.maximum(gap, 0.0)), np.where(beside, 0.0, speed)
+        met = meets.any(axis=0) & (begins_m > 0)
         yields = met & ~self._is_first(car, way, first, gap)
         return gap[yields], speed[yields]
 

@@ -162,6 +162,16 @@ def test_it_waits_for_crossing_traffic_where_it_gives_way() -> None:
     assert out.crash_m_s is None and min(out.speed) < 8.0
 
 
+@pytest.mark.parametrize("vy", [-4.0, -1.5])
+def test_it_stops_clear_of_a_track_that_comes_across_its_way_and_towards_it(vy: float) -> None:
+    assert drive([Other(71, -3 * vy, vx=-12, vy=vy)], right_of_way=GIVES_WAY).crash_m_s is None
+
+
+def test_it_lets_a_faster_track_merge_that_would_be_beside_it() -> None:
+    out = drive([Other(-12, 8, vx=14, vy=-2.5)], right_of_way=GIVES_WAY, seconds=5.0)
+    assert out.crash_m_s is None and min(out.acceleration) > -6
+
+
 def test_with_priority_it_goes_on_while_the_other_can_still_stop() -> None:
     far = Other(28.0, -26.0, vy=8.0)
     yielding, priority = (
