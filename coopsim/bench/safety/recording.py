@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from coopsim.envs.parallel import CooperativeEnv
 
 _POINTS_SHOWN = 700
+_GAP_FRAMES = 3
+"""Frames out of sight that end a stretch of sight: a corner or a mirror flickers for less."""
+
 _BY_ITSELF = SEEN_BY.index("me")
 
 
@@ -33,7 +36,7 @@ class Events(NamedTuple):
     """Moments of a drive, s since the episode's start; None: it did not happen.
 
     Attributes:
-        seen_s: the car's own sensors first saw what it must not touch.
+        seen_s: what the car must not touch came into sight of its own sensors, for good: not for a frame or two.
         tracked_s: it first reported a track there.
         braked_s: it first braked hard after that, or at all if it never reported one.
         crash_s: it crashed.
@@ -219,14 +222,14 @@ def _first_seen(log: TrackLog, drive: Drive) -> int | None:
 def _events(drive: Drive, watchers: Mapping[str, int]) -> Events:
     """Find the moments of a drive; `watchers` are the other agents that saw the conflict, with their first frame."""
     events = find_events(drive)
-    itself, has_one = drive.seen_by == _BY_ITSELF, tracked(drive)
-    seen, known = (_first(np.any(each[:, drive.in_conflict], axis=1)) for each in (itself, has_one))
+    apart = np.hypot(*np.moveaxis(drive.boxes[:, drive.in_conflict, :2] - drive.car[:, None, :2], -1, 0))
+    closest = int(np.nanmin(apart, axis=1).argmin()) if np.isfinite(apart).any(axis=1).all() else len(drive) - 1
+    itself = np.any((drive.seen_by == _BY_ITSELF)[:, drive.in_conflict], axis=1)
+    seen, known = _in_sight(itself, closest), _first(np.any(tracked(drive)[:, drive.in_conflict], axis=1))
     since_s = 0.0 if known is None else float(drive.time_s[known])
     braked_s = next((at_s for at_s in events.hard_s if at_s >= since_s), None)
     told = known is not None and (seen is None or known < seen)
     early = {name: frame for name, frame in watchers.items() if told and known is not None and frame <= known}
-    apart = np.hypot(*np.moveaxis(drive.boxes[:, drive.in_conflict, :2] - drive.car[:, None, :2], -1, 0))
-    closest = int(np.nanmin(apart, axis=1).argmin()) if np.isfinite(apart).any(axis=1).all() else len(drive) - 1
     return Events(
         None if seen is None else float(drive.time_s[seen]),
         None if known is None else since_s,
@@ -236,6 +239,15 @@ def _events(drive: Drive, watchers: Mapping[str, int]) -> Events:
         closest,
         min(early, key=lambda name: (early[name], name)) if early else None,
     )
+
+
+def _in_sight(mask: Mask, until: int) -> int | None:
+    """Return the first frame of the last stretch of sight that begins before a frame; short gaps do not end it."""
+    frames = np.flatnonzero(mask[: until + 1])
+    if not len(frames):
+        return None
+    gaps = np.flatnonzero(np.diff(frames) > _GAP_FRAMES)
+    return int(frames[gaps[-1] + 1] if len(gaps) else frames[0])
 
 
 def _first(mask: ArrayLike) -> int | None:
