@@ -123,7 +123,7 @@ class PairClip:
             yield sharing.tracked_s, _HOLDS_S["told"], f"{sharing.tracked_s:.1f} s: {told}"
         if alone.seen_s is not None:
             yield alone.seen_s, 0.0, f"{alone.seen_s:.1f} s: only now the car on the left sees the {self._met()}."
-        for run, name in ((self.alone, "Alone"), (self.sharing, "With messages")):
+        for run, name in ((self.alone, "alone"), (self.sharing, "with messages")):
             if run.events.crash_s is not None:
                 yield run.events.crash_s, _HOLDS_S["crash"], f"{run.events.crash_s:.1f} s: {_crash(run, name)}"
 

@@ -80,14 +80,12 @@ class Panel:
         for body in now.bodies:
             self._body(draw, body, BODY)
         for body, known in now.conflicts:
-            if known:
-                self._body(draw, body, KNOWN)
-            else:
-                self._body(draw, body, None, HIDDEN)
+            self._body(draw, body, KNOWN if known else None, None if known else HIDDEN)
+            self._ring(draw, body[:2], KNOWN if known else HIDDEN, (13,))
         for body in now.tracks:
             self._body(draw, body, None, TRACK, grow_m=0.35)
         for place in now.agents.values():
-            self._ring(draw, place)
+            self._ring(draw, place, palette.AGENT, (5, 9))
         self._car(draw, now.car, now.acceleration_m_s2)
         for sender, age_s in record.arrivals(time_s, _SHOWN_S):
             if sender in now.agents:
@@ -147,11 +145,11 @@ class Panel:
             ends = np.array([middle - (half_length + 0.5) * ahead + half_width * b * left for b in (1.0, -1.0)])
             draw.line(self._pixels(ends), BRAKE, round(FINE * (2 + 4 * strength)))
 
-    def _ring(self, draw: ImageDraw.ImageDraw, place: Floats) -> None:
+    def _ring(self, draw: ImageDraw.ImageDraw, place: Floats, color: palette.RGB, radii_px: Sequence[int]) -> None:
         ((x, y),) = self._pixels(place[None])
-        for reach in (5, 9):
-            r = FINE * reach
-            draw.ellipse((x - r, y - r, x + r, y + r), outline=palette.AGENT, width=FINE)
+        for radius in radii_px:
+            r = FINE * radius
+            draw.ellipse((x - r, y - r, x + r, y + r), outline=color, width=FINE)
 
     def _message(self, draw: ImageDraw.ImageDraw, sender: Floats, receiver: Floats, freshness: float) -> None:
         color = tuple(round(c * freshness + b * (1 - freshness)) for c, b in zip(TOLD, (44, 48, 55), strict=True))
