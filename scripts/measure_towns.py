@@ -4,7 +4,7 @@
 
 FOLDER holds V2V4Real as recording sets `train` and `val`, each with `labels` and `detections/{ego,1}`. One frame a
 second is measured; towns have the default options. A value is the mean over places of a place's mean, with the 95 %
-interval of Student's t over places.
+interval of Student's t over places. Commands score policies; none looks at what agents sense.
 """
 
 from __future__ import annotations

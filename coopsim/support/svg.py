@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def to_svg(draw: Callable[[Figure], object], width_in: float, height_in: float, font_pt: float = 9) -> str:
+def to_svg(draw: Callable[[Figure], object], width_in: float, height_in: float) -> str:
     """Return as SVG what a function draws on a matplotlib figure of a size in inches.
 
     Text stays text, and the same drawing gives the same bytes.
@@ -20,9 +20,7 @@ def to_svg(draw: Callable[[Figure], object], width_in: float, height_in: float, 
 
     text = io.StringIO()
     # No date and no random ids: the same numbers give the same file.
-    with rc_context(
-        {"svg.hashsalt": "coopsim", "svg.fonttype": "none", "font.size": font_pt, "text.parse_math": False}
-    ):
+    with rc_context({"svg.hashsalt": "coopsim", "svg.fonttype": "none", "font.size": 9, "text.parse_math": False}):
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         draw(figure)
         figure.savefig(text, format="svg", metadata={"Date": None, "Creator": "coopsim"})
