@@ -28,6 +28,7 @@ from coopsim.envs.wrappers.received import Arrays, Scene, View, reporter
 from coopsim.envs.wrappers.track_rows import FASTEST_M_S, MOST_SIZE_M
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
+from coopsim.planning.planner import PlannedCar
 from coopsim.support.checks import require_count, require_positive
 from coopsim.types import CLASS_NAMES, Tracks
 from coopsim.types.driving import ACCELERATION, LARGEST_BRAKING_M_S2, CarState, Route
@@ -92,8 +93,11 @@ class DrivingRowsView(View):
 
     def show(self, scene: Scene) -> Arrays:
         """Return new arrays, by name; see the module."""
-        car = scene.car
-        rows = self._track_rows(scene.tracks, car.route)
+        return self.rows(scene.car, scene.tracks)
+
+    def rows(self, car: CarState | PlannedCar, tracks: Tracks) -> Arrays:
+        """Return new arrays, by name, of a car and its tracks: so a planner can ask a network that learned on them."""
+        rows = self._track_rows(tracks, car.route)
         table, mask = np.zeros((self.tracks, len(REPORTED_COLUMNS)), np.float32), np.zeros(self.tracks, np.float32)
         table[: len(rows)], mask[: len(rows)] = _clipped(rows), 1.0
         return {"car": _clipped(_car(car)), "route": self._route(car.route), "tracks": table, "tracks_mask": mask}
@@ -128,7 +132,7 @@ class DrivingRowsView(View):
         return rows
 
 
-def _car(car: CarState) -> Floats:
+def _car(car: CarState | PlannedCar) -> Floats:
     values = np.array([car.speed_m_s, car.acceleration_m_s2, car.length_m, car.width_m])
     shares: Floats = values / np.array(list(CAR_COLUMNS.values()))
     return shares

@@ -12,7 +12,10 @@ from pettingzoo.test import parallel_api_test
 
 import coopsim
 from coopsim.envs.wrappers import BevImage, Driving, DrivingRows, FixedSize, Flatten
+from coopsim.envs.wrappers.driving_rows import DrivingRowsView
 from coopsim.errors import CoopsimError, EpisodeStateError, UnknownNameError
+from coopsim.planning.planner import PlannedCar, Planner
+from coopsim.support.rng import derived_seed
 from coopsim.types.driving import GIVES_WAY, HAS_PRIORITY
 
 CROWDED: dict[str, Any] = {
@@ -178,6 +181,33 @@ def test_tracks_lie_along_and_aside_of_the_route() -> None:
         if not env.unwrapped.parallel.agents:
             break
     assert ahead > 0
+
+
+def linear(rows: dict[str, Any]) -> float:
+    """Return the acceleration of a network of one layer with weights that nobody trained."""
+    flat = np.concatenate([rows[name].reshape(-1) for name in sorted(rows)])
+    return float(2.0 * np.tanh(np.random.default_rng(0).normal(size=len(flat)) @ flat))
+
+
+class Linear(Planner):
+    def plan(self, car: PlannedCar) -> float:
+        return linear(DrivingRowsView(tracks=5).rows(car, car.tracks))
+
+
+def test_a_network_drives_the_same_way_as_a_planner() -> None:
+    """It is shown the same; and the others share what they detect, with or without a policy."""
+    options = CROWDED | {"max_cycles": 40}
+    env = DrivingRows(coopsim.single_env("crossing", tracker="late_fusion", **options), tracks=5)
+    observation, _ = env.reset(seed=CRASHES)
+    planned = coopsim.parallel_env("crossing", **(options | {"control": "planner", "planner": Linear}))
+    policy = coopsim.make_policy("late_fusion")
+    observations, _ = planned.reset(seed=CRASHES)
+    policy.reset(planned.agent_specs, seed=derived_seed(CRASHES, "policy"))
+    while planned.agents:
+        observation, reward, *_ = env.step(np.float64([linear(observation)]))
+        observations, rewards, *_ = planned.step(policy.act(observations))
+        np.testing.assert_array_equal(env.unwrapped.parallel.state(), planned.state())
+        assert rewards == {name: reward if name == "cav_0" else 0.0 for name in rewards}
 
 
 def test_looking_at_the_tracks_changes_nothing() -> None:
