@@ -149,6 +149,8 @@ def file_env(name: str, /, *, path: str | Path | None = None, **options: Any) ->
         raise InvalidValueError(f"path must be that of a scenario file, got {path!r}")
     file = load_scenario_file(path)
     try:
+        if file.situation is not None:
+            return situation_env(file.situation, name, **{**file.keywords, **options})
         keywords = drop_overridden(file.keywords, options)
         if options.get("playback", keywords.get("playback")) is not None:  # a recording has its own population
             keywords = {key: value for key, value in keywords.items() if key not in (*NUMBERS, "detail", *TOWN_KEYS)}

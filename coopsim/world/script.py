@@ -9,7 +9,13 @@ import numpy as np
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import frozen
-from coopsim.support.checks import require_between, require_choice, require_non_negative, require_positive
+from coopsim.support.checks import (
+    require_between,
+    require_choice,
+    require_finite_number,
+    require_non_negative,
+    require_positive,
+)
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.places.road_network import LaneIndex, Road
 
@@ -65,7 +71,8 @@ class WalkRole:
         label: class of the person.
         path: (K, 2) m, K >= 2, in the world frame.
         speed_m_s: walking speed.
-        starts_s: time at which the walk begins; until then the person stands at the path's start.
+        starts_s: time at which the walk begins; until then the person stands at the path's start. If it is negative,
+            the person is on the way already.
         conflicts: whether the person is what the ego may crash into.
     """
 
@@ -81,7 +88,7 @@ class WalkRole:
             raise InvalidValueError(f"path must have at least two points, got {len(self.path)}")
         object.__setattr__(self, "path", frozen(self.path, (len(self.path), 2), np.float64, "path"))
         require_positive(speed_m_s=self.speed_m_s)
-        require_non_negative(starts_s=self.starts_s)
+        require_finite_number(starts_s=self.starts_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -37,6 +37,8 @@ def record(scenario: str | Path | Place, path: str | Path, **options: Any) -> Pa
     if isinstance(scenario, Place) or not is_scenario_file(scenario):
         return recorded_world.record(scenario if isinstance(scenario, Place) else str(scenario), path, **options)
     file = load_scenario_file(scenario)
+    if file.situation is not None:
+        raise file.blame(InvalidValueError("situation cannot be recorded so: use record, an option of environments"))
     keywords = {name: value for name, value in file.keywords.items() if name in _OF_THE_WORLD}
     try:
         return recorded_world.record(file.scenario, path, **{**drop_overridden(keywords, options), **options})

@@ -4,6 +4,7 @@
 |---|---|
 | `scenario` | name of a registered scenario |
 | `place` | a custom place instead, see `coopsim.world.custom.place` |
+| `situation` | a situation in that scenario or place, see `coopsim.world.situations.written` |
 | `density` | a factor on the numbers of vehicles and people |
 | `seed` | seed of the episodes for which `reset` is given none |
 | `population` | fields of `coopsim.world.population.Population` |
@@ -29,15 +30,18 @@ from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import CoopsimError, ScenarioFileError
 from coopsim.support.checks import require_choice
 from coopsim.world.custom.place import read_place, write_place_file
+from coopsim.world.places.layout import Layout
 from coopsim.world.population import Population
-from coopsim.world.scenario import Place
+from coopsim.world.scenario import SCENARIOS, Place
+from coopsim.world.situations.situation import NAMED, SITUATIONS, Situation
+from coopsim.world.situations.written import ROLE_KEYS, WrittenSituation, read_roles
 from coopsim.world.towns.options import PlaceSeeds, TownOptions
-from coopsim.world.towns.scenarios import scenario_names
+from coopsim.world.towns.scenarios import TOWN, scenario_names
 
 SHIPPED = Path(__file__).parent / "scenarios"
 """Folder of the shipped files, which are found by their names, too."""
 
-_TOP = ("scenario", "place", "density", "seed")
+_TOP = ("scenario", "place", "situation", "density", "seed")
 _SECTIONS = {
     "population": [field.name for field in fields(Population)],
     "options": [
@@ -57,11 +61,13 @@ class ScenarioFile:
         content: all of it, as plain data.
         scenario: the scenario to start from: its name, or a place that the file describes.
         keywords: keywords of `coopsim.parallel_env`.
+        situation: class of the situation; None: there is none.
     """
 
     content: Section
     scenario: str | Place
     keywords: Mapping[str, Any]
+    situation: type[Situation] | None = None
 
     def blame(self, error: CoopsimError, overridden: Collection[str] = ()) -> CoopsimError:
         """Return the error with the file and the line of the key that it names.
@@ -109,6 +115,9 @@ def load_scenario_file(path: str | Path) -> ScenarioFile:
     keywords = {name: content[name] for name in ("density", "seed") if name in content}
     for section in _SECTIONS:
         keywords |= content[section].with_paths() if section in content else {}
+    if "situation" in top:
+        kind, scenario, own = _situation(root, top)
+        return ScenarioFile(content, scenario, keywords | own, kind)
     return ScenarioFile(content, _scenario(root, top), keywords)
 
 
@@ -127,6 +136,32 @@ def write_scenario_file(path: str | Path, description: Mapping[str, Any], **cont
     for name in content:
         require_choice("key", name, (*_TOP, *_SECTIONS))
     return write_place_file(path, description, content)
+
+
+def _situation(root: FileEntry, top: Mapping[str, Entry]) -> tuple[type[Situation], str | Place, dict[str, Any]]:
+    """Return the class of the file's situation, its place, and its own keywords."""
+    for name in ("population", "density"):
+        if name in top:
+            raise top[name].error(f"{name} must be left out with situation, which says who is there")
+    entry = top["situation"]
+    named = entry.named("Accepted: name and fields of a situation, or roles")
+    place = _scenario(root, top) if "place" in top or "scenario" in top else NAMED
+    if "name" not in named:
+        layout = _fixed_layout(root, top, place)
+        given = {name: entry.value[name] for name in named if name not in ROLE_KEYS}
+        return WrittenSituation, place, given | {"place": place, "roles": read_roles(entry, layout)}
+    kind = SITUATIONS.get(named["name"].choice(SITUATIONS.names(), "situation"))
+    own = [field.name for field in fields(kind) if field.name not in ("place", "detail")]
+    entry.fields(("name",), own, {"place": "to the top of the file", "detail": "below options"})
+    return kind, place, {name: entry.value[name] for name in named if name != "name"} | {"place": place}
+
+
+def _fixed_layout(root: FileEntry, top: Mapping[str, Entry], place: str | Place) -> Layout:
+    """Return the layout that the roles of a file are in."""
+    if place in (NAMED, TOWN):
+        named = top.get("scenario", root)
+        raise named.error("scenario must be a place that is always the same, or place must describe one, for roles")
+    return place.make_layout() if isinstance(place, Place) else SCENARIOS.get(place).make_layout()
 
 
 def _scenario(root: FileEntry, top: Mapping[str, Entry]) -> str | Place:

@@ -24,6 +24,7 @@ _HIDDEN_S = 3.0  # before the conflict, while a building must hide the two from 
 _LATER_S = (2.5, 3.5)
 _GONE_S = (-1.6, -1.0)  # relative to the start: cars that have just left the junction
 _AFTER_M = 30.0
+_GAP_M = (0.8, 1.5)  # between vehicles that are parked in a row
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,15 +36,15 @@ class _AtTheCorner(Situation):
         other_speed_m_s: speed of the other car.
         late_s: time by which the other's middle reaches the crossing of the two ways after the ego's, if neither
             reacts.
-        occluder_m: distance from the crossing of the ways to the front of the vehicle that stands at the corner.
-        aside_m: distance from the middle of the lane to the near side of that vehicle.
+        occluder_m: distance from the crossing of the ways to the front of the vehicles that stand at the corner.
+        aside_m: distance from the middle of the lane to the near sides of those vehicles.
     """
 
     speed_m_s: Range = (8.3, 13.9)
     other_speed_m_s: Range = (8.3, 13.9)
     late_s: Range = (-0.4, 0.4)
-    occluder_m: Range = (7.0, 12.0)
-    aside_m: Range = (2.1, 2.8)
+    occluder_m: Range = (4.5, 7.5)
+    aside_m: Range = (2.0, 2.5)
 
     named: ClassVar[str] = "crossing"
     has_priority: ClassVar[bool] = False
@@ -75,18 +76,21 @@ class _AtTheCorner(Situation):
         return Stage(
             staged,
             passing(EGO, site.way, CONFLICT_S, speed, connected=True, model=ego.name),
-            (runner, *_traffic(rng, ways, (speed, other), late), self._occluder(rng, site)),
+            (runner, *_traffic(rng, ways, (speed, other), late), *self._occluders(rng, site)),
             (),
             site.way.position(0.0),
         )
 
-    def _occluder(self, rng: np.random.Generator, site: CornerSite) -> VehicleRole:
-        """Draw the vehicle at the corner: at the right kerb of whichever of the two has the other on its right."""
+    def _occluders(self, rng: np.random.Generator, site: CornerSite) -> list[VehicleRole]:
+        """Draw two vehicles at the corner: at the right kerb of whichever of the two has the other on its right."""
         way = site.way if site.side < 0 else site.across
-        model = draw_model(rng, *_OCCLUDERS)
-        length_m, width_m = (float(size) for size in model.size_m[:2])
-        along_m = -draw(rng, self.occluder_m) - length_m / 2
-        return standing("occluder", way, along_m, -draw(rng, self.aside_m) - width_m / 2, model)
+        front_m, aside_m, roles = -draw(rng, self.occluder_m), -draw(rng, self.aside_m), list[VehicleRole]()
+        for name in ("first occluder", "second occluder"):
+            model = draw_model(rng, *_OCCLUDERS)
+            length_m, width_m = (float(size) for size in model.size_m[:2])
+            roles.append(standing(name, way, front_m - length_m / 2, aside_m - width_m / 2, model))
+            front_m -= length_m + draw(rng, _GAP_M)
+        return roles
 
 
 def _traffic(

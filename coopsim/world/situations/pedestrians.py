@@ -42,10 +42,10 @@ class _FromTheKerb(Situation):
         occupied: share of the street's other bays that have a vehicle.
     """
 
-    speed_m_s: Range = (8.3, 13.9)
-    walking_m_s: Range = (1.2, 2.2)
-    gap_m: Range = (0.8, 2.0)
-    late_s: Range = (-0.4, 0.4)
+    speed_m_s: Range = (9.7, 15.3)
+    walking_m_s: Range = (1.7, 2.6)
+    gap_m: Range = (0.3, 0.8)
+    late_s: Range = (0.2, 0.7)
     approach_m: Range = (5.5, 9.0)
     occupied: Range = (0.3, 0.9)
 
@@ -128,7 +128,7 @@ class ChildBetweenCars(_FromTheKerb):
     name = "child_between_cars"
     person: ClassVar[tuple[str, ObjectClass]] = ("child", ObjectClass.CHILD)
 
-    gap_m: Range = (0.6, 1.2)
+    gap_m: Range = (0.5, 0.9)
 
     def occluders(self, rng: np.random.Generator, site: KerbSite, gap_m: float) -> tuple[float, list[VehicleRole]]:
         """Draw two cars, the same distance from the child's way."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import ClassVar
 
@@ -14,7 +14,15 @@ import numpy as np
 from coopsim.errors import InvalidValueError
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
-from coopsim.support.checks import require_choice, require_count, require_probability
+from coopsim.support.checks import (
+    require_between,
+    require_choice,
+    require_count,
+    require_finite_number,
+    require_non_negative,
+    require_number,
+    require_probability,
+)
 from coopsim.support.registry import Registry
 from coopsim.support.rng import stream
 from coopsim.types.taxonomy import ObjectClass
@@ -75,20 +83,20 @@ class Situation(EpisodeScenarios):
         detail: one of `coopsim.world.scenario.DETAILS`; None: the usual one of the place.
         place_seed: seeds of drawn towns, see `coopsim.world.towns.options.PlaceSeeds`; a town without a site is passed
             over for the next.
+        over_s: time at which the situation is over.
     """
 
     place: str | Place = NAMED
-    penetration: float = 0.5
-    rsus: int = 1
+    penetration: float = 0.3
+    rsus: int = 0
     detail: str | None = None
     place_seed: int | str | Sequence[int] | None = None
+    over_s: float = 8.0
 
     named: ClassVar[str]
     """Name of the scenario with the built-in place."""
     elsewhere: ClassVar[bool] = True
     """Whether other places than the built-in one may have sites."""
-    over_s: ClassVar[float] = 10.0
-    """Time at which the situation is over."""
     most_actors = _MOST_ACTORS
 
     def __post_init__(self) -> None:
@@ -101,6 +109,10 @@ class Situation(EpisodeScenarios):
         if self.place_seed is not None and self.place != TOWN:
             raise InvalidValueError(f"place_seed must be left out unless place is {TOWN!r}, got {self.place_seed!r}")
         PlaceSeeds(self.place_seed)
+        require_between(0.1, 3600, over_s=self.over_s)
+        for field in fields(self):
+            if field.type == "Range":
+                object.__setattr__(self, field.name, _range(field.name, getattr(self, field.name)))
 
     @abstractmethod
     def stage(self, layout: Layout, rng: np.random.Generator) -> Stage | None:
@@ -132,7 +144,7 @@ class Situation(EpisodeScenarios):
 
     def _scenario(self, scenario: Scenario, stage: Stage, seed: int) -> Scenario:
         layout, vehicles = stage.layout, list(stage.vehicles)
-        cars = [k for k, role in enumerate(vehicles) if role.label == ObjectClass.CAR and role.manner != "parked"]
+        cars = [k for k, role in enumerate(vehicles) if _may_be_connected(role)]
         order = stream(seed, "situation", self.name, "connected").permutation(len(cars))
         for k in order[: math.floor(self.penetration * len(cars) + 0.5)]:
             vehicles[cars[k]] = replace(vehicles[cars[k]], connected=True)
@@ -143,6 +155,22 @@ class Situation(EpisodeScenarios):
             chosen = layout.rsus[near[drawn]]
             layout = replace(layout, rsus=(chosen, *(unit for unit in layout.rsus if unit is not chosen)))
         return replace(scenario, layout=layout, population=_population(script, stage.parked, self.rsus), script=script)
+
+
+def _range(name: str, given: object) -> Range:
+    """Return a range of numbers that are not negative, unless they are times, from a number or [least, most]."""
+    ends = given if isinstance(given, (list, tuple)) else (given, given)
+    accepted = "a number or [least, most], rising"
+    if len(ends) != 2:
+        raise InvalidValueError(f"{name} must be {accepted}, got {given!r}")
+    (require_finite_number if name.endswith("_s") else require_non_negative)(**{name: ends[0]})
+    require_number(f"{accepted}", lambda most: most >= ends[0], **{name: ends[1]})
+    return float(ends[0]), float(ends[1])
+
+
+def _may_be_connected(role: VehicleRole) -> bool:
+    """Return whether it is drawn if a vehicle is connected."""
+    return role.label == ObjectClass.CAR and role.manner != "parked" and not role.connected
 
 
 def _population(script: Script, parked: int, rsus: int) -> Population:

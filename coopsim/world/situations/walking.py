@@ -36,10 +36,10 @@ class ScriptedPeople:
             dtype=np.int64,
         )
         self._size_m = np.array([models[k].size_m[:2] for k in self.model]).reshape(-1, 2)
-        self.travelled_m = np.zeros(len(roles))
+        self.travelled_m = self._walked_m()
         self.position, self.yaw = self._place()
-        starts_now = np.array([role.speed_m_s * (role.starts_s == 0) for role in roles])
-        self.velocity = starts_now[:, None] * np.column_stack([exact.cos(self.yaw), exact.sin(self.yaw)])
+        speed = np.array([role.speed_m_s * (role.starts_s <= 0) for role in roles])
+        self.velocity = speed[:, None] * np.column_stack([exact.cos(self.yaw), exact.sin(self.yaw)])
 
     def __len__(self) -> int:
         return len(self._roles)
@@ -54,10 +54,14 @@ class ScriptedPeople:
         """Advance by `dt_s`."""
         self._time_s += dt_s
         before = self.position
-        walked = [role.speed_m_s * (self._time_s - role.starts_s) for role in self._roles]
-        self.travelled_m = np.clip(walked, 0.0, [reached[-1] for reached in self._reached_m])
+        self.travelled_m = self._walked_m()
         self.position, self.yaw = self._place()
         self.velocity = (self.position - before) / dt_s
+
+    def _walked_m(self) -> Floats:
+        """Return how far people have walked (N,), m."""
+        walked = np.array([role.speed_m_s * (self._time_s - role.starts_s) for role in self._roles])
+        return np.clip(walked, 0.0, np.array([reached[-1] for reached in self._reached_m]))
 
     def _place(self) -> tuple[Floats, Floats]:
         """Return where people are (N, 2) m and where they face (N,) rad, by how far they have walked."""
