@@ -49,6 +49,8 @@ class LeftTurnAcross(Situation):
     late_s: Range = (-0.4, 0.4)
     truck_m: Range = (3.0, 8.0)
 
+    over_s: float = 10.0
+
     name = "left_turn_across"
     named: ClassVar[str] = "crossing"
     elsewhere: ClassVar[bool] = False

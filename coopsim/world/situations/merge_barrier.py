@@ -42,6 +42,8 @@ class MergeBarrier(Situation):
     late_s: Range = (-0.4, 0.4)
     barrier_end_m: Range = (28.0, 40.0)
 
+    over_s: float = 10.0
+
     name = "merge_barrier"
     named: ClassVar[str] = "merge"
     elsewhere: ClassVar[bool] = False

@@ -56,7 +56,7 @@ class Overtaking(Situation):
 
     name = "overtaking"
     named: ClassVar[str] = "parking_street"
-    over_s: ClassVar[float] = 14.0
+    over_s: float = 14.0
 
     def stage(self, layout: Layout, rng: np.random.Generator) -> Stage | None:
         """Draw the situation; see `Situation.stage`."""

@@ -48,7 +48,7 @@ class QueueEnd(Situation):
     name = "queue_end"
     named: ClassVar[str] = "highway"
     elsewhere: ClassVar[bool] = False
-    over_s: ClassVar[float] = 12.0
+    over_s: float = 12.0
 
     def stage(self, layout: Layout, rng: np.random.Generator) -> Stage | None:
         """Draw the situation; see `Situation.stage`."""

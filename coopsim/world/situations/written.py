@@ -5,7 +5,7 @@
 | `name` | a registered situation, whose fields are the further keys; without it the file has roles: |
 | `ego` | the car that has to avoid the crash: `from` and `to`, points on lanes; `speed_m_s`; `model` |
 | `vehicles` | list: `name`, `label` (a class; without: car), `model`, `manner` and `trigger_m` (see |
-| | `coopsim.world.situations.script`); parked ones have `at`, a point beside a lane; others `from`, `to` |
+| | `coopsim.world.script`); parked ones have `at`, a point beside a lane; others `from`, `to` |
 | | and `speed_m_s` |
 | `people` | list: `name`, `label` (without: pedestrian), `path` (points), `speed_m_s`, `starts_s` |
 | `meets_s` | of a vehicle or a person, in place of where or when it starts: time by which it reaches the ego's way |
@@ -32,8 +32,8 @@ from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.catalogue import make_models
 from coopsim.world.places.layout import Layout
 from coopsim.world.places.road_network import LaneIndex, RoadNetwork
+from coopsim.world.script import MANNERS, VehicleRole, WalkRole
 from coopsim.world.situations.casting import draw, draw_model
-from coopsim.world.situations.script import MANNERS, VehicleRole, WalkRole
 from coopsim.world.situations.sites import Way, with_limits
 from coopsim.world.situations.situation import EGO, Range, Situation, Stage
 
