@@ -97,7 +97,7 @@ def simulation_env(
 
 
 def situation_env(
-    situation: str | Callable[..., Situation], name: str, /, *, reward: RewardOption = None, **options: Any
+    situation: str | type[Situation], name: str, /, *, reward: RewardOption = None, **options: Any
 ) -> CooperativeEnv:
     """Make the environment of a situation.
 

@@ -158,12 +158,12 @@ class Situation(EpisodeScenarios):
 
 
 def _range(name: str, given: object) -> Range:
-    """Return a range of numbers that are not negative, unless they are times, from a number or [least, most]."""
+    """Return a range from a number or [least, most]; speeds must not be negative."""
     ends = given if isinstance(given, (list, tuple)) else (given, given)
     accepted = "a number or [least, most], rising"
     if len(ends) != 2:
         raise InvalidValueError(f"{name} must be {accepted}, got {given!r}")
-    (require_finite_number if name.endswith("_s") else require_non_negative)(**{name: ends[0]})
+    (require_non_negative if name.endswith("m_s") else require_finite_number)(**{name: ends[0]})
     require_number(f"{accepted}", lambda most: most >= ends[0], **{name: ends[1]})
     return float(ends[0]), float(ends[1])
 

@@ -61,7 +61,8 @@ class ScriptedPeople:
     def _walked_m(self) -> Floats:
         """Return how far people have walked (N,), m."""
         walked = np.array([role.speed_m_s * (self._time_s - role.starts_s) for role in self._roles])
-        return np.clip(walked, 0.0, np.array([reached[-1] for reached in self._reached_m]))
+        limited: Floats = np.clip(walked, 0.0, np.array([reached[-1] for reached in self._reached_m]))
+        return limited
 
     def _place(self) -> tuple[Floats, Floats]:
         """Return where people are (N, 2) m and where they face (N,) rad, by how far they have walked."""

@@ -31,7 +31,7 @@ from coopsim.support.checks import require_finite_number, require_flag
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.catalogue import make_models
 from coopsim.world.places.layout import Layout
-from coopsim.world.places.road_network import LaneIndex, RoadNetwork
+from coopsim.world.places.road_network import LaneIndex, Road, RoadNetwork
 from coopsim.world.script import MANNERS, VehicleRole, WalkRole
 from coopsim.world.situations.casting import draw, draw_model
 from coopsim.world.situations.sites import Way, with_limits
@@ -94,7 +94,7 @@ class WrittenSituation(Situation):
         if ego.role.model is not None:
             model = next(each for each in make_models() if each.name == ego.role.model)
         speed, front_m = draw(rng, ego.speed_m_s), float(model.size_m[0]) / 2
-        limits = {}
+        limits = dict[Road, float]()
         vehicles, people = [], []
         for each in self.roles.vehicles:
             own = draw(rng, each.speed_m_s)
@@ -112,7 +112,8 @@ class WrittenSituation(Situation):
             people.append(replace(walk.role, speed_m_s=own, starts_s=starts_s))
         limits |= dict.fromkeys(ego.way.roads, speed)
         cast = replace(_starting(ego, 0.0, speed), model=model.name)
-        meets_m = [each.meets_m[0] for each in (*self.roles.vehicles, *self.roles.people) if each.meets_s is not None]
+        others: tuple[WrittenVehicle | WrittenWalk, ...] = (*self.roles.vehicles, *self.roles.people)
+        meets_m = [each.meets_m[0] for each in others if each.meets_s is not None]
         at = ego.way.position(min(meets_m, default=0.0))
         return Stage(with_limits(layout, limits), cast, tuple(vehicles), tuple(people), at)
 
