@@ -47,7 +47,7 @@ class LeftTurnAcross(Situation):
     speed_m_s: Range = (4.5, 6.4)
     oncoming_m_s: Range = (11.1, 16.7)
     late_s: Range = (-0.4, 0.4)
-    truck_m: Range = (3.0, 8.0)
+    truck_m: Range = (4.0, 10.0)
 
     over_s: float = 10.0
 

@@ -30,7 +30,7 @@ _PAST_M = 3.0  # from the truck's front to where the ego begins to pull in
 _SPARE_M = 6.0  # of the lane, before and after the way past the truck
 _LATER_S = (2.2, 3.2)  # an oncoming car after the one that conflicts
 _AFTER_M = 20.0
-_ASIDE_M = (0.1, 0.6)  # of the truck, to the left of the middle of its lane
+_ASIDE_M = (0.0, 0.5)  # of the truck, to the left of the middle of its lane
 _TRIES = 4  # places on each lane
 
 
@@ -44,14 +44,14 @@ class Overtaking(Situation):
 
     Attributes:
         speed_m_s: speed of the ego: 16 to 25 km/h, as of cars that pull out from behind a truck.
-        oncoming_m_s: speed of the oncoming car: 40 to 55 km/h.
+        oncoming_m_s: speed of the oncoming car: 35 to 50 km/h.
         meets_m: place where the two would meet if neither reacted, from the truck's rear on.
         beside_m: place where the ego has reached the oncoming lane, from the truck's rear on.
     """
 
     speed_m_s: Range = (4.5, 7.0)
-    oncoming_m_s: Range = (11.1, 15.3)
-    meets_m: Range = (-1.0, 4.0)
+    oncoming_m_s: Range = (9.7, 13.9)
+    meets_m: Range = (1.0, 8.0)
     beside_m: Range = (-1.0, 3.0)
 
     name = "overtaking"

@@ -84,7 +84,7 @@ def test_the_end_of_the_queue_is_hidden_until_the_vehicle_ahead_leaves_its_lane(
         assert 10 < stays.sum() < len(stays) - 8 and hidden[stays].all() and not hidden[-1]
 
 
-@pytest.mark.parametrize(("name", "before_s"), [("left_turn_across", 2.0), ("overtaking", 2.7)])
+@pytest.mark.parametrize(("name", "before_s"), [("left_turn_across", 2.5), ("overtaking", 3.2)])
 def test_a_truck_hides_the_oncoming_car(name: str, before_s: float) -> None:
     hidden = []
     for seed in SEEDS:
