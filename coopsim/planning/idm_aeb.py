@@ -305,7 +305,7 @@ def _occupied(
 ) -> _Occupied:
     """Predict tracks with constant speed and turn rate, and place them on the route."""
     times = np.linspace(0.0, horizon_s, round(horizon_s / _STEP_S) + 1)
-    velocity, forward = _believed(car, tracks, belief)
+    velocity, forward = _weighted_velocity(car, tracks, belief)
     centers, yaw = _predicted(tracks, velocity, turn_rate, times)
     along, aside, nearest = car.route.place(centers.reshape(-1, 2))
     tangent, shape = car.route.tangents[nearest], yaw.shape
@@ -332,7 +332,7 @@ def _occupied(
     )
 
 
-def _believed(car: PlannedCar, tracks: Tracks, belief: Floats) -> tuple[Floats, Floats]:
+def _weighted_velocity(car: PlannedCar, tracks: Tracks, belief: Floats) -> tuple[Floats, Floats]:
     """Return velocities (N, 2) m/s of tracks, of which the part (N,) along the route counts in full, and that part."""
     _, _, nearest = car.route.place(tracks.boxes.center[:, :2])
     tangent = car.route.tangents[nearest]
