@@ -220,8 +220,16 @@ def without_flags(typed: str, flags: Mapping[str, int]) -> str:
     return shlex.join(kept)
 
 
-def stored_results(folder: Path, hint: str = "") -> list[CellResult]:
+def add_all_grids(parser: argparse._ActionsContainer) -> None:
+    """Declare `--all-grids`."""
+    text = "results of all grids that were run into the folder, not of the latest alone"
+    parser.add_argument("--all-grids", action="store_true", help=text)
+
+
+def stored_results(folder: Path, hint: str = "", *, all_grids: bool = False) -> list[CellResult]:
     """Read the results in a folder of `coopsim bench`; `hint` ends the error where there is no such folder.
+
+    They are of the latest grid, or of all grids that were run into the folder.
 
     Raises:
         UnknownNameError: there is no such folder of results; the message lists close ones next to it.
@@ -234,7 +242,7 @@ def stored_results(folder: Path, hint: str = "") -> list[CellResult]:
         known = [path.name for path in siblings if (path / CELLS).is_dir()]
         where = f"in {folder.parent}" + (f" ({hint})" if hint else "")
         raise UnknownNameError("folder of results", folder.name, known, where)
-    results = Store(folder).results()
+    results = Store(folder).results(all_grids=all_grids)
     if not results:
         raise InvalidValueError(f"there are no results in {folder}: run `coopsim bench` first")
     return results

@@ -13,6 +13,7 @@ from coopsim.cli.arguments import (
     FAILED,
     INTERRUPTED,
     Command,
+    add_all_grids,
     add_isolation,
     add_options,
     as_json,
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 
 def _add_report(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("out", type=Path, metavar="FOLDER", help="of `coopsim bench`")
+    add_all_grids(parser)
     trust = "run policies again that the results name as module:Class or file.py:Class, for clips"
     parser.add_argument("--trust", action="store_true", help=trust)
     _add_outputs(parser)
@@ -57,10 +59,10 @@ def _add_outputs(parser: argparse._ActionsContainer) -> None:
 def _run_report(options: argparse.Namespace) -> int:
     from coopsim.bench.store.store import Store
 
-    results = stored_results(options.out)
+    results = stored_results(options.out, all_grids=options.all_grids)
     write_files(options.out, results, options, trust=options.trust)
     asked = Store(options.out).asked()
-    if len(results) < asked:
+    if len(results) < asked and not options.all_grids:
         print(f"{len(results)} of {asked} cells are in {options.out}; the command that began them goes on from there")
     return 0
 

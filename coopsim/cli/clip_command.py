@@ -6,7 +6,16 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from coopsim.cli.arguments import Command, add_options, count, named_options, policy, seeds, stored_results
+from coopsim.cli.arguments import (
+    Command,
+    add_all_grids,
+    add_options,
+    count,
+    named_options,
+    policy,
+    seeds,
+    stored_results,
+)
 from coopsim.errors import InvalidValueError
 
 if TYPE_CHECKING:
@@ -23,6 +32,7 @@ def _add_clip(parser: argparse.ArgumentParser) -> None:
     add("--pair", type=count, default=1, metavar="N", help="number of the pair in the report of FOLDER (default: 1)")
     add("--seconds", type=count, default=30, help="length of the film (default: %(default)s)")
     add("--title", default="", help="default: situation and seed")
+    add_all_grids(parser)
     add("--trust", action="store_true", help="run policies that FOLDER names as module:Class or file.py:Class")
     run = parser.add_argument_group("a situation", "runs it until one of the two crashes and the other does not")
     run.add_argument("--alone", type=policy, default="no_fusion", metavar="A", help="default: %(default)s")
@@ -60,7 +70,7 @@ def _of_folder(options: argparse.Namespace) -> tuple[Pair, Any]:
     from coopsim.bench.store.store import Store
 
     folder = Path(options.of)
-    results = stored_results(folder)
+    results = stored_results(folder, all_grids=options.all_grids)
     origin = Provenance.from_data(Store(folder).provenance())
     pair = find_pair(ResultTable.of(results), options.pair)
     return pair, make_rerun(origin.grid.get("options", {}), origin.isolation, trust=options.trust)

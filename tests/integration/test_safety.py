@@ -13,9 +13,12 @@ from coopsim.bench.benchmark import benchmark
 from coopsim.bench.engine.engine import Engine
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.grid.grid import Grid
+from coopsim.bench.report.bench_report import About, render_bench_report
 from coopsim.bench.report.publish import make_rerun, publish
+from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.safety.movie import write_movie
 from coopsim.bench.safety.pair_clip import SIZE_PX, PairClip
+from coopsim.bench.safety.pair_pages import pair_data
 from coopsim.bench.safety.panel import CRASH, Panel, View
 from coopsim.bench.safety.recording import Recording, record
 from coopsim.bench.store.store import Store
@@ -119,6 +122,17 @@ def test_a_clip_lasts_as_long_as_asked_and_slows_down(crash: Recording) -> None:
     assert sum(beat.lasts_s for beat in beats) == pytest.approx(30.0, abs=0.1)
     assert beats[0].from_s == beats[0].to_s and beats[-1].from_s == beats[-1].to_s, "standing pictures to be read"
     assert all(earlier.to_s == later.from_s for earlier, later in pairwise(beats))
+
+
+def test_a_report_plays_a_pair_up_to_its_crash(crash: Recording) -> None:
+    data = pair_data((crash, crash))
+    side = data["sides"][0]
+    assert len(side["frames"]) == len(side["marks"]) == len(side["runs"][0]["tracks"]) > 5
+    assert [mark["crash"] for mark in side["marks"]] == [False] * (len(side["marks"]) - 1) + [True]
+    assert all(mark["met"] for mark in side["marks"]), "what it must not touch is ringed"
+    table = ResultTable.of([CellResult(crash.cell, {"crash": 100.0, "bytes_per_s": 0.0})])
+    page = render_bench_report(table, About(), pairs=[(crash, crash)])
+    assert "Telling pairs" in page and f"crash at {3.6 * crash.events.impact_m_s:.0f} km/h" in page
 
 
 def test_a_clip_becomes_a_file(tmp_path: Path, crash: Recording) -> None:

@@ -14,6 +14,7 @@ from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import CONFIDENCE, Interval, bootstrap_difference, rate_difference
 from coopsim.bench.safety.pairs import CRASH, policy_alone
 from coopsim.geometry.se3 import Floats
+from coopsim.metrics.built_in import is_yes_no
 from coopsim.support.rng import stream
 
 _RESAMPLES = 2000
@@ -48,19 +49,25 @@ class Change:
 def change(table: ResultTable, policy: int, conditions: Sequence[int], metric: str = CRASH) -> Change | None:
     """Compare a policy with the one that sends nothing in some conditions; None without a pair.
 
-    A pair is a situation with a seed; conditions of one situation are averaged.
+    A pair is a situation with a seed; conditions of one situation are averaged. Where the policy without messages was
+    not run in a condition, its run in the mildest one stands for it: what messages suffer does not reach it.
     """
     base = policy_alone(table)
     if base is None or metric not in table.metrics:
         return None
     values = table.values(metric)
-    before, after = (_by_world(table, values[k], conditions) for k in (base, policy))
+    alone = values[base].copy()
+    for k in conditions:
+        for mild in calm(table, table.conditions[k].scenario):
+            alone[k] = np.where(np.isnan(alone[k]), values[base, mild], alone[k])
+    before, after = _by_world(table, alone, conditions), _by_world(table, values[policy], conditions)
     both = ~np.isnan(before) & ~np.isnan(after)
     if not both.any():
         return None
     before, after = before[both], after[both]
     difference = after - before
-    interval, p_value = rate_difference(before, after) or bootstrap_difference(difference)
+    rates = rate_difference(before, after) if is_yes_no(metric) else None  # None, too, for means over conditions
+    interval, p_value = rates or bootstrap_difference(difference)
     return Change(
         table.policies[policy],
         len(difference),

@@ -36,12 +36,12 @@ class Events(NamedTuple):
     """Moments of a drive, s since the episode's start; None: it did not happen.
 
     Attributes:
-        seen_s: what the car must not touch came into sight of its own sensors, for good: not for a frame or two.
-        tracked_s: it first reported a track there.
-        braked_s: it first braked hard after that, or at all if it never reported one.
-        crash_s: it crashed.
+        seen_s: moment from which the car's own sensors saw what it must not touch; earlier glimpses are left out.
+        tracked_s: moment of its first reported track there.
+        braked_s: moment of its first hard brake after that, or of all if it reported none.
+        crash_s: moment of its crash.
         impact_m_s: speed relative to what it crashed into; 0 without a crash.
-        closest: number of the frame in which it was nearest.
+        closest: number of the frame in which the two were nearest.
         told_by: agent that saw it first, if the car had a track before it saw anything itself; else None.
     """
 
@@ -225,7 +225,7 @@ def _events(drive: Drive, watchers: Mapping[str, int]) -> Events:
     apart = np.hypot(*np.moveaxis(drive.boxes[:, drive.in_conflict, :2] - drive.car[:, None, :2], -1, 0))
     closest = int(np.nanmin(apart, axis=1).argmin()) if np.isfinite(apart).any(axis=1).all() else len(drive) - 1
     itself = np.any((drive.seen_by == _BY_ITSELF)[:, drive.in_conflict], axis=1)
-    seen, known = _in_sight(itself, closest), _first(np.any(tracked(drive)[:, drive.in_conflict], axis=1))
+    seen, known = _last_stretch(itself, closest), _first(np.any(tracked(drive)[:, drive.in_conflict], axis=1))
     since_s = 0.0 if known is None else float(drive.time_s[known])
     braked_s = next((at_s for at_s in events.hard_s if at_s >= since_s), None)
     told = known is not None and (seen is None or known < seen)
@@ -241,7 +241,7 @@ def _events(drive: Drive, watchers: Mapping[str, int]) -> Events:
     )
 
 
-def _in_sight(mask: Mask, until: int) -> int | None:
+def _last_stretch(mask: Mask, until: int) -> int | None:
     """Return the first frame of the last stretch of sight that begins before a frame; short gaps do not end it."""
     frames = np.flatnonzero(mask[: until + 1])
     if not len(frames):

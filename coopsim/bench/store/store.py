@@ -104,14 +104,18 @@ class Store:
         found = self._noted().get("provenance")
         return dict(found) if isinstance(found, Mapping) else None
 
-    def results(self) -> list[CellResult]:
+    def results(self, *, all_grids: bool = False) -> list[CellResult]:
         """Return the stored results of the latest grid, in its order; without a grid, all results.
+
+        With `all_grids` they are those of all grids in the folder; of a cell that was run by several versions, the
+        newest.
 
         Raises:
             StoreError: a file is broken; the message names the first one.
         """
-        found = [self.get(key) for key in self._asked()]
-        return [result for result in found if result is not None]
+        found = [self.get(key) for key in (self._by_age() if all_grids else self._asked())]
+        known = [result for result in found if result is not None]
+        return list({result.cell: result for result in known}.values()) if all_grids else known
 
     def circumstances(self, key: str) -> dict[str, Any]:
         """Read the JSON file next to a result; empty if it is missing or broken."""
@@ -120,6 +124,10 @@ class Store:
         except (OSError, ValueError):  # no result depends on it
             return {}
         return found if isinstance(found, dict) else {}
+
+    def _by_age(self) -> list[str]:
+        """Return the keys of all results, the oldest first."""
+        return [path.stem for path in sorted(self._cells.glob("*.parquet"), key=lambda path: path.stat().st_mtime_ns)]
 
     def _asked(self) -> list[str]:
         if not self._grid.exists():

@@ -39,6 +39,15 @@ def test_the_gain_is_gone_where_it_stays_away() -> None:
     assert gone_at(table, table.policies.index("truth"), axis) is None
 
 
+def test_a_run_alone_stands_for_conditions_that_it_does_not_feel() -> None:
+    late = [Condition("merge", latency_s=each) for each in (0.0, 0.3)]
+    everything = crash_results(conditions=late)
+    sparse = [each for each in everything if each.cell.policy != "no_fusion" or not each.cell.condition.latency_s]
+    whole, part = (ResultTable.of(each) for each in (everything, sparse))
+    found = change(part, part.policies.index("late_fusion"), [1])
+    assert found is not None and found == change(whole, whole.policies.index("late_fusion"), [1])
+
+
 def test_a_metric_that_orders_policies_as_their_crashes_do_predicts_them() -> None:
     perfect = crash_results(AMOTA=lambda policy: -float(RATES[policy]), HOTA=lambda policy: float(len(policy)))
     table = ResultTable.of(perfect)

@@ -77,6 +77,9 @@ def test_what_is_put_is_there(tmp_path: Path) -> None:
     assert {result.cell.seed for result in store.results()} == {7, 8}
     store.begin([keys[0], key_of("not yet run")])
     assert [result.cell.seed for result in store.results()] == [7]
+    store.put(replace(RESULT, values={"MOTA": 9.0}), "a newer version")
+    found_again = {result.cell.seed: result for result in store.results(all_grids=True)}
+    assert set(found_again) == {7, 8} and found_again[7].values == {"MOTA": 9.0}, "the newest of a cell"
 
 
 def test_a_file_of_another_key_is_broken(tmp_path: Path) -> None:
