@@ -191,7 +191,7 @@ def test_presets_are_what_they_are_called() -> None:
 def test_the_safety_preset_changes_one_thing_at_a_time_and_uses_no_seed_for_tuning() -> None:
     grid = find_grid("safety").grid()
     conditions = [each for each in grid.conditions() if each.scenario == grid.scenarios[0]]
-    assert len(conditions) == 1 + 3 + 2 + 2 + 3 and {each.latency_s for each in conditions} == {0, 0.1, 0.3, 0.5}
+    assert len(conditions) == 1 + 3 + 2 + 2 + 2 and {each.latency_s for each in conditions} == {0, 0.1, 0.3, 0.5}
     assert grid.frames is None and min(grid.seeds) >= 1000
     assert set(find_grid("safety_networks").grid().scenarios) == set(grid.scenarios)
 
