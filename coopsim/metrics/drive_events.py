@@ -185,6 +185,10 @@ class _Course:
     def _steps(self, seconds: float) -> int:
         return math.ceil(seconds / self.dt_s - 1e-9)
 
+    def _bodies(self, columns: list[int], first: int = 0) -> Floats:
+        """Return bodies of some objects from a frame on, in the one layout for which kernels are compiled."""
+        return np.ascontiguousarray(self.boxes[first:, columns])
+
     def ahead(self, frame: int, steps: int) -> Floats:
         """Return the bodies (H + 1, 5) of the car after 0 to H steps along its way at its present speed."""
         way, car = self.drive.ways[frame], self.drive.car[frame]
@@ -225,7 +229,7 @@ class _Course:
     def pet_s(self) -> float:
         """Return the least post-encroachment time, within a step: it begins and ends between frames."""
         longest = self._steps(LONGEST_S) + 1
-        steps, _ = least_delay(self.drive.car[: self.end], self.drive.boxes, longest, (FOLLOWING_RAD, FOLLOWING_RAD))
+        steps, _ = least_delay(self.drive.car[: self.end], self.drive.boxes, longest, FOLLOWING_RAD)
         return LONGEST_S if steps < 0 else max(steps - 1, 0) * self.dt_s
 
     def brakes(self, deceleration_m_s2: float) -> Ints:
@@ -242,7 +246,14 @@ class _Course:
             return True
         car = self.ahead(frame, self._steps(max(EARLIEST_S, speed / NEEDLESS_M_S2)))
         car[:, 2:4] += 2 * REASON_M
-        return least_delay(car, self.boxes[frame:], self._steps(REASON_S), (0.0, FOLLOWING_RAD))[0] >= 0
+        others = [column for column in range(len(self.drive.ids)) if not self._follows(frame, column)]
+        return least_delay(car, self._bodies(others, frame), self._steps(REASON_S), 0.0)[0] >= 0
+
+    def _follows(self, frame: int, column: int) -> bool:
+        """Return whether an object comes over the ground on which the car now is, and in the car's direction only."""
+        now, later = self.drive.car[frame : frame + 1], self._bodies([column], frame)
+        comes, across = (least_delay(now, later, self._steps(LONGEST_S), angle)[0] for angle in (0.0, FOLLOWING_RAD))
+        return comes >= 0 > across
 
     def moments(self, crash: Crash | None) -> Moments:
         """Return the times of the conflict that the script names, else of the crash."""
@@ -269,7 +280,7 @@ class _Course:
             last = max(int(brakes[0]) - 1, 0)
             car = np.concatenate([car[:last], self.ahead(last, self._steps(UNBRAKED_S))])
         longest = self._steps(LONGEST_S)
-        found = [(*least_delay(car, self.boxes[:, [k]], longest, (0.0, 0.0)), k) for k in columns.tolist()]
+        found = [(*least_delay(car, self._bodies([k]), longest, 0.0), k) for k in columns.tolist()]
         met = [each for each in found if each[0] >= 0]
         if not met:
             return None

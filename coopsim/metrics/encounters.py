@@ -122,15 +122,14 @@ def _advance(boxes: Floats, k: int, j: int, passed: float, wanted: float, out: F
 
 
 @njit(cache=True, nogil=True)
-def least_delay(car: Floats, boxes: Floats, most: int, angles: tuple[float, float]) -> tuple[int, int]:
+def least_delay(car: Floats, boxes: Floats, most: int, least_angle: float) -> tuple[int, int]:
     """Find the shortest time between a car and an object on the same ground.
 
     Args:
         car: (T, 5) bodies of the car.
         boxes: (S, A, 5) bodies of objects in the same frames, and perhaps in more.
         most: longest time, in frames.
-        angles: smallest angles between the headings of both, rad, for objects that are there first and for those that
-            come after the car; who drives the same way at a smaller one only follows.
+        least_angle: smallest angle between the headings of both, rad.
 
     Returns:
         The time in frames, and the car's frame; -1 and -1 if there is none. Of equal times the first counts.
@@ -146,7 +145,7 @@ def least_delay(car: Floats, boxes: Floats, most: int, angles: tuple[float, floa
                 if not _touch(car[i], boxes[j, k]):
                     continue
                 turned = (boxes[j, k, 4] - car[i, 4] + math.pi) % (2 * math.pi) - math.pi
-                if abs(turned) >= (angles[1] if j > i else angles[0]) and abs(i - j) < best:
+                if abs(turned) >= least_angle and abs(i - j) < best:
                     best, when = abs(i - j), i
         if best == 0:
             break

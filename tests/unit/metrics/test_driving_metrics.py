@@ -128,12 +128,21 @@ def test_a_brake_between_the_limits_is_a_phantom_brake_but_not_hard() -> None:
         (Thing(CAR, straight(24.5, 0.0, 4.0, 0.0)), True),  # drives slowly ahead
         (Thing(CAR, straight(60.0, 0.0, 10.0, 0.0)), False),  # drives as fast, far ahead
         (Thing(CAR, straight(-9.0, 0.0, 10.0, 0.0)), False),  # follows closely
+        (Thing(CAR, straight(-10.0, 8.0, 13.0, -2.5), yaw=-0.19), True),  # merges from behind, faster
+        (Thing(CAR, straight(-30.0, 3.5, 13.0, 0.0)), False),  # overtakes
         (Thing(CAR, straight(30.0, 3.5, -10.0, 0.0), yaw=math.pi), False),  # comes in its own lane
     ],
 )
 def test_a_brake_has_a_reason_where_the_car_would_have_met_something(thing: Thing, reason: bool) -> None:
     # The report is empty: what counts is the truth.
     assert scored(drive(BRAKE, [thing], tracks=lambda t: Tracks.empty()))["phantom_brakes"] == (not reason)
+
+
+def test_one_of_several_objects_is_reason_enough() -> None:
+    far = [Thing(CAR, straight(-9.0, 0.0, 10.0, 0.0)), *(Thing(CAR, straight(x, 9.0, 0.0, 0.0)) for x in (5.0, 25.0))]
+    crossing = Thing(PEDESTRIAN, straight(30.0, -4.5, 0.0, 1.5), yaw=math.pi / 2)
+    assert scored(drive(BRAKE, far))["phantom_brakes"] == 1
+    assert scored(drive(BRAKE, [*far, crossing]))["phantom_brakes"] == 0
 
 
 def test_a_brake_for_a_bend_is_no_phantom_brake() -> None:
