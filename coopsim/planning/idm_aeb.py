@@ -32,9 +32,9 @@ from coopsim.types.taxonomy import ObjectClass
 _ON_FOOT = (ObjectClass.PEDESTRIAN, ObjectClass.CHILD)
 """They always have the right of way: a car does not count on it that they stop."""
 
-_WITH_EASE_M_S2 = 3.0
-"""Deceleration with which a driver is expected to stop for others: 10 ft/s², by which signals are timed (Institute of
-Transportation Engineers, Traffic Engineering Handbook)."""
+_WITH_EASE_M_S2 = 2.0
+"""Deceleration with which another driver is expected to stop; ours, between the comfort of 1.5 m/s² and the 3 m/s² by
+which traffic signals are timed."""
 
 _DELTA = 4
 """The exponent of the Intelligent Driver Model."""
@@ -209,7 +209,7 @@ class IdmAeb(Planner):
         # A brake that is on already and suffices is no emergency; in one, it stays on until the danger is over.
         moved = _moved(car, min(car.acceleration_m_s2, 0.0) if quiet else 0.0, way.times)[:, None]
         touches = way.touched & (way.rear < moved + car.length_m / 2) & (way.front > moved - car.length_m / 2)
-        touches &= way.front[0] > -car.length_m / 2  # nothing is gained by braking for what comes from behind
+        touches &= way.rear[0] > car.length_m / 2  # nothing is gained by braking for what comes from the side or behind
         soon = touches[way.times <= self.braking_ttc_s].any() and car.speed_m_s > (_AEB_FROM_M_S if quiet else 0.1)
         if not soon:
             self._alarm_ns = None
