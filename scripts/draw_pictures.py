@@ -1,6 +1,6 @@
-"""Draw the pictures of the pages: scenarios from above, drawn towns, street furniture.
+"""Draw the pictures of the pages: scenarios and situations from above, drawn towns, street furniture.
 
-    python scripts/draw_pictures.py [scenarios] [above] [close] [eyes] [options] [furniture]
+    python scripts/draw_pictures.py [scenarios] [situations] [above] [close] [eyes] [options] [furniture]
         [--names crossing,village] [--places 0-23] [--processes 2] [--out FOLDER]
 
 Without `--out` they go to the folders of their pages. Pictures of towns are of the moment after `WARM_UP_S` of traffic,
@@ -38,6 +38,7 @@ from coopsim.world.furniture.furnish import furnishing_parts
 from coopsim.world.furniture.kinds import KINDS
 from coopsim.world.places.layout import flat_part, rectangle
 from coopsim.world.scenario import SCENARIOS, make_scenario
+from coopsim.world.situations.situation import EGO, SITUATIONS
 from coopsim.world.snapshot import Actors, StaticPart
 from coopsim.world.towns.options import PlaceSeeds, TownOptions
 from coopsim.world.towns.scenarios import TownScenarios
@@ -59,6 +60,7 @@ LOW_AND_HIGH: dict[str, tuple[Any, Any]] = {
     "density": (0.5, 2.0),
 }
 SMOOTHING = 2
+SITUATION_SEED = 4
 NONE = np.zeros(0, np.int64)
 NOBODY = Actors(
     NONE, Boxes3D.from_array(np.zeros((0, 7))), np.zeros((0, 2)), NONE, NONE, np.zeros((0, 3), dtype=np.uint8)
@@ -226,8 +228,33 @@ def draw_furniture(folder: Path) -> None:
     Image.fromarray(np.hstack(streets)).save(folder / "furnished_streets.png", optimize=True)
 
 
+def draw_situations(folder: Path) -> None:
+    """Draw every situation from above, around the ego, two seconds before it meets what it cannot see."""
+    pictures = []
+    for name in SITUATIONS.names():
+        scenario = SITUATIONS.get(name)(penetration=0.0).of(SITUATION_SEED)
+        before = _until_crash(World(scenario, SITUATION_SEED, control="acceleration", driven=[EGO])) - 2.0
+        world = World(scenario, SITUATION_SEED, control="acceleration", driven=[EGO])
+        for _ in range(round(before / 0.1)):
+            world.step(0.1, {EGO: 0.0})
+        pose = world.agents()[EGO].world_SE3_base
+        pictures.append((name, draw_overhead(world, pose.apply(np.array([[18.0, 0.0, 0.0]]))[0, :2], 64.0, TILE_PX)))
+    sheet = contact_sheet(pictures, columns=4)
+    sheet.quantize(64).save(folder / "situations.png", optimize=True)
+
+
+def _until_crash(world: World) -> float:
+    """Return the time, in s, at which the ego crashes if it goes on."""
+    ego, steps = world.agents()[EGO].actor_id, 0
+    while ego not in world.crashed() and steps < 100:
+        world.step(0.1, {EGO: 0.0})
+        steps += 1
+    return 0.1 * steps
+
+
 PAGES = {
     "scenarios": DOCS / "reference" / "scenarios",
+    "situations": DOCS / "reference",
     "furniture": DOCS / "reference",
     **dict.fromkeys((*VIEWS, "options"), DOCS / "results" / "towns"),
 }
@@ -250,6 +277,8 @@ def main() -> None:
         if kind == "scenarios":
             for name in given.names:
                 draw_scenario(name, folder)
+        elif kind == "situations":
+            draw_situations(folder)
         elif kind == "furniture":
             draw_furniture(folder)
         elif kind == "options":
