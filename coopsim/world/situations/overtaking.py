@@ -80,14 +80,23 @@ class Overtaking(Situation):
         roads = [road for each in way.roads for road in (around if each == index[:2] else (each,))]
         past = way_through(network, roads, roads.index(around[1]), detour.arc_m + meets_m - beside_m)
         limits = dict.fromkeys(roads, speed) | dict.fromkeys(oncoming.roads, towards_m_s)
-        aside = {"aside_m": draw(rng, _ASIDE_M), "model": truck.name}
+        truck_aside_m = draw(rng, _ASIDE_M)
         blocks = (around[0][1], around[-1][0], 0), detour.swing_m - beside_m + length_m / 2
         return Stage(
             with_limits(replace(layout, network=network), limits),
             passing(EGO, past, CONFLICT_S, speed, connected=True, model=ego.name),
             (
                 passing("oncoming", oncoming, CONFLICT_S, towards_m_s, manner="unyielding", conflicts=True),
-                VehicleRole("truck", *blocks, 0.0, (), ObjectClass(truck.label), "parked", **aside),
+                VehicleRole(
+                    "truck",
+                    *blocks,
+                    0.0,
+                    (),
+                    ObjectClass(truck.label),
+                    "parked",
+                    aside_m=truck_aside_m,
+                    model=truck.name,
+                ),
                 passing("later", oncoming, CONFLICT_S + draw(rng, _LATER_S), towards_m_s),
                 passing("behind", past, CONFLICT_S + draw(rng, HEADWAY_S), speed),
             ),
@@ -147,8 +156,8 @@ class Detour:
             (("pull_out", "pull_in"), (out_m, in_m)),
             (around[-1], (in_m, lane.length)),
         ):
-            places = [lane.position(along, 0.0) for along in ends]
-            divided.add_lane(*road, StraightLane(*places, lane.width, lane.speed_limit))
+            start, end = (lane.position(along, 0.0) for along in ends)
+            divided.add_lane(*road, StraightLane(start, end, lane.width, lane.speed_limit))
         for road, piece in zip(around[1:-1], self._pieces(lane, start_m), strict=True):
             divided.add_lane(*road, piece)
         return divided, around
