@@ -201,7 +201,7 @@ class Recorder:
         drive, film = _with_conflict(self._drive), self._film
         first_seen = {agent: _first_seen(log, drive) for agent, log in self._logs.items() if agent != self._agent}
         watchers = {agent: frame for agent, frame in first_seen.items() if frame is not None}
-        events = _events(drive, watchers)
+        events = _events(drive, watchers, self._arrived)
         return Recording(cell, drive, film.road_map, film.frames, self._agent, self._arrived, events)
 
 
@@ -219,8 +219,14 @@ def _first_seen(log: TrackLog, drive: Drive) -> int | None:
     return int(np.searchsorted(flat.truth_start, rows[0], side="right") - 1) if len(rows) else None
 
 
-def _events(drive: Drive, watchers: Mapping[str, int]) -> Events:
-    """Find the moments of a drive; `watchers` are the other agents that saw the conflict, with their first frame."""
+def _events(drive: Drive, watchers: Mapping[str, int], arrived: Sequence[frozenset[str]]) -> Events:
+    """Find the moments of a drive.
+
+    Args:
+        drive: the drive.
+        watchers: the other agents that saw the conflict, with their first frame.
+        arrived: senders of messages that reached the car, by frame.
+    """
     events = find_events(drive)
     apart = np.hypot(*np.moveaxis(drive.boxes[:, drive.in_conflict, :2] - drive.car[:, None, :2], -1, 0))
     closest = int(np.nanmin(apart, axis=1).argmin()) if np.isfinite(apart).any(axis=1).all() else len(drive) - 1
@@ -228,8 +234,10 @@ def _events(drive: Drive, watchers: Mapping[str, int]) -> Events:
     seen, known = _last_stretch(itself, closest), _first(np.any(tracked(drive)[:, drive.in_conflict], axis=1))
     since_s = 0.0 if known is None else float(drive.time_s[known])
     braked_s = next((at_s for at_s in events.hard_s if at_s >= since_s), None)
-    told = known is not None and (seen is None or known < seen)
-    early = {name: frame for name, frame in watchers.items() if told and known is not None and frame <= known}
+    early = dict[str, int]()
+    if known is not None and (seen is None or known < seen):
+        heard = frozenset[str]().union(*arrived[: known + 1])
+        early = {name: frame for name, frame in watchers.items() if frame <= known and name in heard}
     return Events(
         None if seen is None else float(drive.time_s[seen]),
         None if known is None else since_s,
