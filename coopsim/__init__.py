@@ -48,6 +48,8 @@ if TYPE_CHECKING:
     from coopsim.envs.simulated.record_episode import record as record
     from coopsim.envs.vector.make import vector as vector
     from coopsim.errors import CoopsimError as CoopsimError
+    from coopsim.planning.planner import PlannedCar as PlannedCar
+    from coopsim.planning.planner import Planner as Planner
     from coopsim.support.precision import set_precision as set_precision
 
 __version__ = "0.1.0"
@@ -69,6 +71,8 @@ _HOMES = {
     "parallel_env": "coopsim.catalog",
     "single_env": "coopsim.catalog",
     "CoopsimError": "coopsim.errors",
+    "PlannedCar": "coopsim.planning.planner",
+    "Planner": "coopsim.planning.planner",
     "record": "coopsim.envs.simulated.record_episode",
     "set_precision": "coopsim.support.precision",
     "vector": "coopsim.envs.vector.make",

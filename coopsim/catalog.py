@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from gymnasium.envs.registration import register, registry
 
@@ -188,6 +188,8 @@ def newest(name: str) -> str:
     return max(versions)[1] if versions else name
 
 
+_Base = TypeVar("_Base")
+
 SOURCE = "__coopsim_source__"
 """Name under which a module that was made by `load_source` has its text."""
 
@@ -235,17 +237,7 @@ class PolicySpec:
         """
         if ":" not in self.target:
             return POLICIES.get(self.target)
-        place, name = self.target.rsplit(":", 1)
-        module = _import(place) if self.source is None else load_source(place, self.source)
-        found = getattr(module, name, None)
-        if found is None:
-            known = [each for each in vars(module) if _is_policy(module, each)]
-            raise UnknownNameError("policy", name, known, f"in {place}")
-        if not (isinstance(found, type) and issubclass(found, _policy_base())):
-            raise InvalidValueError(
-                f"policy {self.target!r} must be a class derived from coopsim.Policy, got {found!r}"
-            )
-        return found
+        return class_at("policy", self.target, _policy_base(), self.source)
 
     def make(self) -> Policy:
         """Make the policy with its parameters.
@@ -261,6 +253,33 @@ class PolicySpec:
             raise InvalidValueError(f"policy {self.text!r} cannot be made: {_describe(error)}") from error
 
 
+def class_at(kind: str, target: str, base: type[_Base], source: str | None = None) -> type[_Base]:
+    """Return the class at a place, `module:Class` or `file.py:Class`.
+
+    Args:
+        kind: the class's, in the singular, for error messages ("policy").
+        target: the place.
+        base: the class that it must be derived from.
+        source: text of the file; None: it is read now.
+
+    Raises:
+        CoopsimError: the module or file cannot be read or run, or has no such class.
+    """
+    place, name = target.rsplit(":", 1)
+    if source is None and _is_file(target):
+        source = _source(target, kind)
+    module = _import(place, kind) if source is None else load_source(place, source)
+    found = getattr(module, name, None)
+    if found is None:
+        known = [each for each in vars(module) if _is_own(module, each, base)]
+        raise UnknownNameError(kind, name, known, f"in {place}")
+    if not (isinstance(found, type) and issubclass(found, base)):
+        raise InvalidValueError(
+            f"{kind} {target!r} must be a class derived from coopsim.{base.__name__}, got {found!r}"
+        )
+    return found
+
+
 def names_code(text: str) -> bool:
     """Return whether a policy's text is the place of a class, whose module or file is run, and no registered name."""
     return ":" in text.partition("(")[0]
@@ -270,26 +289,26 @@ def _is_file(target: str) -> bool:
     return target.rpartition(":")[0].endswith(".py")
 
 
-def _source(target: str) -> str:
+def _source(target: str, kind: str = "policy") -> str:
     path = target.rpartition(":")[0]
     try:
         return Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise InvalidValueError(f"policy {target!r}: cannot read {path}: {reason}") from error
+        raise InvalidValueError(f"{kind} {target!r}: cannot read {path}: {reason}") from error
 
 
-def _import(name: str) -> ModuleType:
+def _import(name: str, kind: str) -> ModuleType:
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
         missing = str(error.name)
         close = difflib.get_close_matches(missing, _sibling_modules(missing), n=3, cutoff=0.6)
         hint = f" Did you mean {' or '.join(map(repr, close))}?" if close else ""
-        message = f"policy module {name!r}: there is no module {missing!r}.{hint}"
+        message = f"{kind} module {name!r}: there is no module {missing!r}.{hint}"
         raise InvalidValueError(f"{message} Accepted: modules that are installed or on PYTHONPATH") from error
     except Exception as error:  # a user's module may raise anything when it is imported
-        raise InvalidValueError(f"policy module {name!r} cannot be imported: {_describe(error)}") from error
+        raise InvalidValueError(f"{kind} module {name!r} cannot be imported: {_describe(error)}") from error
 
 
 def _sibling_modules(name: str) -> list[str]:
@@ -323,10 +342,9 @@ def _describe(error: Exception) -> str:
     return f"{type(error).__name__}: {error}"
 
 
-def _is_policy(module: ModuleType, name: str) -> bool:
+def _is_own(module: ModuleType, name: str, base: type) -> bool:
     found = getattr(module, name)
-    own = isinstance(found, type) and found.__module__ == module.__name__
-    return own and issubclass(found, _policy_base())
+    return isinstance(found, type) and found.__module__ == module.__name__ and issubclass(found, base)
 
 
 def _policy_base() -> type[Policy]:

@@ -27,6 +27,7 @@ def _run_list(options: argparse.Namespace) -> int:
     from coopsim.detection.embedder import EMBEDDERS
     from coopsim.learn.recipe import RECIPES
     from coopsim.metrics.metric import METRICS
+    from coopsim.planning.planner import PLANNERS
     from coopsim.sensors.camera.camera import RIG_NAMES
 
     listed = {
@@ -38,6 +39,7 @@ def _run_list(options: argparse.Namespace) -> int:
         "uplinks": UPLINKS.names(),
         "codecs": [f"{name} ({CODECS.get(name).content})" for name in CODECS],
         "camera rigs": RIG_NAMES,
+        "planners": PLANNERS.names(),
         "metrics": METRICS.names(),
         "rewards": REWARDS.names(),
         "export formats": [_with_aliases(EXPORT_FORMATS, name) for name in EXPORT_FORMATS],

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from coopsim.catalog import class_at
 from coopsim.config.spec import instantiate, parse_spec
 from coopsim.errors import InvalidValueError
 from coopsim.support.registry import Registry
@@ -58,7 +59,8 @@ PLANNERS: Registry[type[Planner]] = Registry("planner", home="coopsim.planning.i
 
 
 PlannerOption = str | Callable[[], Planner]
-"""Planner by name, also with parameters, such as "idm_aeb(headway_s=2)", or a class or function that makes one."""
+"""Planner by name, also with parameters, such as "idm_aeb(headway_s=2)", by the place of its class, such as
+"mine.py:MyPlanner", or a class or function that makes one."""
 
 
 def make_planner(planner: PlannerOption) -> Planner:
@@ -66,11 +68,12 @@ def make_planner(planner: PlannerOption) -> Planner:
 
     Raises:
         UnknownNameError: there is no such planner, or no such parameter.
-        InvalidValueError: a parameter's value is not accepted.
+        InvalidValueError: a parameter's value is not accepted, or the place has no class of planners.
     """
     if not isinstance(planner, str):
         if not callable(planner):
             raise InvalidValueError(f"planner must be a name, a spec or a class of planners, got {planner!r}")
         return planner()
-    name, parameters = parse_spec("planner", planner)
-    return instantiate("planner", name, PLANNERS.get(name), parameters)
+    name, parameters = parse_spec("planner", planner, "name, name(parameter=value, ...), module:Class or file.py:Class")
+    kind = class_at("planner", name, Planner) if ":" in name else PLANNERS.get(name)
+    return instantiate("planner", name, kind, parameters)

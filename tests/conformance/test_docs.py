@@ -49,6 +49,7 @@ EXAMPLES = (
     ("docs/learn/first_detector.md", "10_your_own_embedder.py"),
     ("docs/learn/first_uplink.md", "11_your_own_uplink.py"),
     ("docs/learn/first_codec.md", "12_your_own_codec.py"),
+    ("docs/learn/first_planner.md", "19_your_own_planner.py"),
     TRAINS,
 )
 """Pages that teach by an example; CI runs all examples."""

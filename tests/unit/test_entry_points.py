@@ -17,6 +17,7 @@ from coopsim.detection.detector import NoDetector
 from coopsim.detection.embedder import Embedder
 from coopsim.envs import Reward
 from coopsim.metrics.metric import Metric
+from coopsim import Planner
 import numpy as np
 
 class MyPolicy(LateFusion): pass
@@ -32,6 +33,9 @@ class MyReward(Reward):
         self.worth = worth
     def __call__(self, counts):
         return self.worth
+class MyPlanner(Planner):
+    def plan(self, car):
+        return -1.0
 class MyMetric(Metric):
     meaning = "one"
     def value(self, pool):
@@ -51,6 +55,8 @@ mine = plugged_in:MyCodec
 mine = plugged_in:MyEmbedder
 [coopsim.metrics]
 mine = plugged_in:MyMetric
+[coopsim.planners]
+mine = plugged_in:MyPlanner
 [coopsim.rewards]
 mine = plugged_in:MyReward
 """
@@ -64,11 +70,13 @@ from coopsim.comms.uplinks.uplink import UPLINKS
 from coopsim.detection.detector import DETECTORS
 from coopsim.detection.embedder import EMBEDDERS
 from coopsim.metrics.metric import METRICS
+from coopsim.planning.planner import PLANNERS
 
-registries = [POLICIES, DETECTORS, UPLINKS, CODECS, EMBEDDERS, METRICS, REWARDS]
+registries = [POLICIES, DETECTORS, UPLINKS, CODECS, EMBEDDERS, METRICS, REWARDS, PLANNERS]
 for registry in registries:
     assert "mine" in registry.names(), registry.kind
 assert "plugged_in" not in sys.modules  # names are known without loading anything
+coopsim.parallel_env("crossing", lidar=None, control="planner", planner="mine")  # made at once
 names = dict.fromkeys(["uplink", "codec", "detector", "embedder"], "mine")
 env = coopsim.parallel_env("crossing", lidar=None, max_cycles=2, reward="mine(worth=3)", **names)
 policy = coopsim.make_policy("mine")

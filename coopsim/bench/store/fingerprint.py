@@ -195,9 +195,10 @@ def _files(value: Any, folder: str = "") -> Iterator[str]:
         if path.lower().endswith(SCENARIO_SUFFIXES):
             with suppress(InvalidValueError):  # if it is not YAML, it names no other file
                 yield from _files(read_yaml(Path(path), InvalidValueError).value, os.path.dirname(path))
-    elif isinstance(value, str) and value.endswith(")"):
+    elif isinstance(value, str) and (value.endswith(")") or ".py:" in value):
         with suppress(InvalidValueError):  # as a place with a bracket in its name
-            yield from _files(parse_spec("part", value)[1], folder)
+            target, parameters = parse_spec("part", value)
+            yield from _files([target.rpartition(":")[0], parameters], folder)
 
 
 def _versions(package: str) -> dict[str, str]:
