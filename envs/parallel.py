@@ -40,6 +40,7 @@ from coopsim.wire.actions import action_space, idle, unpack_actions
 from coopsim.world.snapshot import RoadMap
 
 Packed = dict[str, Any]
+Stepped = tuple[dict[str, Packed], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]
 AgentSpace = TypeVar("AgentSpace", bound=spaces.Space[Any])
 
 
@@ -187,15 +188,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._halfway = False
         return observations, infos
 
-    def step(
-        self, actions: dict[str, Packed]
-    ) -> tuple[
-        dict[str, Packed],
-        dict[str, float],
-        dict[str, bool],
-        dict[str, bool],
-        dict[str, dict[str, Any]],
-    ]:
+    def step(self, actions: dict[str, Packed]) -> Stepped:
         """Score the tracks reported for this frame, and go to the next frame.
 
         Args:
