@@ -75,5 +75,7 @@ def make_planner(planner: PlannerOption) -> Planner:
             raise InvalidValueError(f"planner must be a name, a spec or a class of planners, got {planner!r}")
         return planner()
     name, parameters = parse_spec("planner", planner, "name, name(parameter=value, ...), module:Class or file.py:Class")
-    kind = class_at("planner", name, Planner) if ":" in name else PLANNERS.get(name)
+    if ":" not in name:
+        return instantiate("planner", name, PLANNERS.get(name), parameters)
+    kind = class_at("planner", name, Planner)  # type: ignore[type-abstract]
     return instantiate("planner", name, kind, parameters)
