@@ -12,7 +12,6 @@ import coopsim
 from coopsim.bench.results.statistics import rate_difference, rate_interval
 from coopsim.envs.wrappers import DrivingRows, Flatten
 from coopsim.envs.wrappers.driving_rows import DrivingRowsView
-from coopsim.planning.planner import PlannedCar, Planner
 
 try:
     from stable_baselines3 import PPO
@@ -35,7 +34,7 @@ def make():
     return Flatten(DrivingRows(env, **ROWS))
 
 
-class Learned(Planner):
+class Learned(coopsim.Planner):
     """The trained network as a planner: it is asked with the same numbers that it learned on."""
 
     view = DrivingRowsView(**ROWS)
@@ -43,7 +42,7 @@ class Learned(Planner):
     def __init__(self, model, normalize):
         self.model, self.normalize = model, normalize
 
-    def plan(self, car: PlannedCar) -> float:
+    def plan(self, car: coopsim.PlannedCar) -> float:
         rows = self.view.rows(car, car.tracks)
         flat = np.concatenate([rows[name].reshape(-1) for name in sorted(rows)])
         choice, _ = self.model.predict(self.normalize(flat), deterministic=True)

@@ -114,7 +114,8 @@ def test_gymnasium_makes_vectors_of_a_driver(mode: str) -> None:
 @pytest.mark.filterwarnings("ignore:.*For Box action spaces, we recommend using a symmetric")
 @pytest.mark.filterwarnings("ignore:.*We recommend you to use a symmetric")
 def test_checkers_of_others_accept_a_driver() -> None:
-    made = gymnasium.make("coopsim/crossing-v2", **(TRACKED | {"max_cycles": 5}))
+    driver = {name: TRACKED[name] for name in ("control", "tracker", "others", "reward", "lidar")}
+    made = gymnasium.make("coopsim/occluded_pedestrian-v2", **driver, max_cycles=5)
     check_env(Flatten(DrivingRows(made)), skip_render_check=True)
     check_env(BevImage(FixedSize(DrivingRows(made)), size=16), skip_render_check=True)
     again = gymnasium.make(Flatten(DrivingRows(made, tracks=3)).spec)
