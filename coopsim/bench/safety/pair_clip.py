@@ -160,7 +160,7 @@ class _Painter:
     def __init__(self, clip: PairClip, start_s: float, end_s: float) -> None:
         self._clip, self._start_s, self._end_s = clip, start_s, end_s
         self._runs = (clip.alone, clip.sharing)
-        view = View.of(self._runs, start_s)
+        view = View.of(self._runs, start_s, _PANEL[0] / _PANEL[1])
         self._panels = [Panel(run, view, _PANEL) for run in self._runs]
         self._top_m_s = max(float(run.drive.speed_m_s.max()) for run in self._runs) + 1.0
 

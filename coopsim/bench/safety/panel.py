@@ -28,6 +28,9 @@ TOLD, TRACK, BRAKE, CRASH = (92, 200, 255), (120, 214, 170), (255, 64, 64), (255
 _LEAST_PX = 4.5
 """Half of the smallest length of a body in a picture: a person would be 2 pixels wide."""
 
+_MARGIN_M, _SPANS_M = 24.0, (46.0, 150.0)
+"""Free ground about what is shown, and the least and largest height of a view."""
+
 _SHOWN_S = 0.6
 """Time for which an arrived message is shown."""
 
@@ -38,27 +41,31 @@ from 1.3 m/s²."""
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A square of the world.
+    """A part of the world.
 
     Attributes:
         center_m: its middle (2,) in the world frame.
-        span_m: its edge.
+        span_m: its least height.
     """
 
     center_m: tuple[float, float]
     span_m: float
 
     @classmethod
-    def of(cls, recordings: Sequence[Recording], from_s: float) -> View:
-        """Find a view that shows the driven cars from a time on, and what they must not touch at the end of it."""
+    def of(cls, recordings: Sequence[Recording], from_s: float, shape: float = 1.0) -> View:
+        """Find a view that shows the driven cars from a time on, and what they must not touch when they are nearest.
+
+        `shape` is the width of the picture by its height.
+        """
         places = [each.drive.car[each.drive.time_s >= from_s - 1e-9, :2] for each in recordings]
         for each in recordings:
             met = each.drive.boxes[max(each.events.closest, 0)][each.drive.in_conflict, :2]
             places.append(met[np.isfinite(met).all(axis=1)])
         corners = np.concatenate(places)
         low, high = corners.min(axis=0), corners.max(axis=0)
-        middle = (low + high) / 2
-        return cls((float(middle[0]), float(middle[1])), float(np.clip((high - low).max() + 22.0, 50.0, 110.0)))
+        middle, extent = (low + high) / 2, high - low + _MARGIN_M
+        span_m = float(np.clip(max(extent[0] / shape, extent[1]), *_SPANS_M))
+        return cls((float(middle[0]), float(middle[1])), span_m)
 
 
 class Panel:

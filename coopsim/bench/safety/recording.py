@@ -172,7 +172,7 @@ class Recorder:
 
     def __init__(self) -> None:
         self._film: Film | None = None
-        self._arrived: list[frozenset[str]] = [frozenset()]
+        self._arrived: list[frozenset[str]] = []
         self._delivered: dict[str, int] = {}
         self._agent = ""
         self._drive: Drive | None = None
@@ -185,6 +185,8 @@ class Recorder:
             self._film = Film(_POINTS_SHOWN, self._agent or None)
         self._film.add(env)
         links = {sender: counts.delivered for (sender, to), counts in env.link_counts.items() if to == self._agent}
+        if not self._arrived:  # the first call comes after two frames, and each has one message of a sender
+            self._arrived.append(frozenset(name for name, n in links.items() if n > 1))
         self._arrived.append(frozenset(name for name, n in links.items() if n > self._delivered.get(name, 0)))
         self._delivered = links
         if self._agent and not env.agents:
