@@ -97,22 +97,45 @@ def test_a_crash_terminates_the_episode_for_all(make_small: Make) -> None:
     assert any(ended)
 
 
-def test_planners_drive_by_the_reported_tracks(make_small: Make) -> None:
-    """With nothing reported a planner keeps to the limit; with tracks it brakes for others, in most episodes."""
-    options = {
-        "control": "planner",
-        "vehicles": 25,
-        "max_cycles": 150,
-        "driven_agents": ["cav_0"],
-        "detector": "simulated",
-    }
-    differ = []
-    for seed in range(4):
-        blind, seeing = (drive(make_small(**options), seed, policy=policy) for policy in (None, "no_fusion"))
-        differ.append(not np.array_equal(blind[-1]["state"], seeing[-1]["state"]))
-    assert any(differ)
-    again = drive(make_small(**options), 3, policy="no_fusion")
-    np.testing.assert_array_equal(seeing[-1]["state"], again[-1]["state"])
+def play(policy: str | None, seed: int, situation: str = "crossing_path", **options: Any) -> tuple[bool, Any]:
+    """Play a situation; return whether the ego crashed, and the log of its drive. Without a policy nothing is reported."""
+    tracker = None if policy is None else coopsim.make_policy(policy)
+    uplink = "none" if tracker is None else tracker.needs.uplink
+    env = coopsim.parallel_env(situation, uplink=uplink, lidar=None, **options)
+    observations, infos = env.reset(seed=seed)
+    if tracker is not None:
+        tracker.reset(env.agent_specs)
+    terminated: dict[str, bool] = {}
+    while env.agents:
+        actions = dict.fromkeys(env.agents, NOTHING) if tracker is None else tracker.act(observations, infos)
+        observations, _, terminated, _, infos = env.step(actions)
+    return terminated["cav_0"], env.drives["cav_0"].drive
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_planners_drive_by_the_reported_tracks(seed: int) -> None:
+    """Told nothing, the ego crashes into what comes from behind the corner; told the truth it does not."""
+    told = play("truth", seed, expose_ground_truth=True)
+    assert play(None, seed)[0] and not told[0]
+    np.testing.assert_array_equal(told[1].command_m_s2, play("truth", seed, expose_ground_truth=True)[1].command_m_s2)
+
+
+def test_a_planner_gets_nothing_of_the_truth() -> None:
+    """Whether the truth is exposed to the caller changes no plan."""
+    hidden, exposed = (play("no_fusion", 1, expose_ground_truth=shown)[1] for shown in (False, True))
+    np.testing.assert_array_equal(hidden.command_m_s2, exposed.command_m_s2)
+    assert np.nanmin(hidden.command_m_s2) < -1.0
+
+
+def test_the_latency_of_messages_reaches_the_planner() -> None:
+    """With late messages the track of the car behind the corner comes later, and so do the plans."""
+    options = {"lidar": None, "penetration": 1.0, "rsus": 1}
+    soon, late = (
+        [coopsim.evaluate("late_fusion", "crossing_path", seed=k, latency_s=each, **options).score for k in range(3)]
+        for each in (0.0, 1.5)
+    )
+    lead_s = [np.nanmean([score["lead_time"] for score in scores]) for scores in (soon, late)]
+    assert lead_s[0] - lead_s[1] > 1.0
 
 
 class Broken(Planner):
