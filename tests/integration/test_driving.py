@@ -98,7 +98,7 @@ def test_a_crash_terminates_the_episode_for_all(make_small: Make) -> None:
 
 
 def play(policy: str | None, seed: int, situation: str = "crossing_path", **options: Any) -> tuple[bool, Any]:
-    """Play a situation; return whether the ego crashed, and the log of its drive. Without a policy nothing is reported."""
+    """Play a situation; return whether the ego crashed, and its drive. Without a policy nothing is reported."""
     tracker = None if policy is None else coopsim.make_policy(policy)
     uplink = "none" if tracker is None else tracker.needs.uplink
     env = coopsim.parallel_env(situation, uplink=uplink, lidar=None, **options)
