@@ -209,7 +209,7 @@ def test_what_stands_keeps_its_place_in_the_world(make_set: MakeSet) -> None:
     replay = Replay("test", make_set(poses=True), "ego", DT_S)
     first = replay.start(0, {})
     for _ in range(30):
-        frame = replay.advance({})
+        frame = replay.advance({}, {})
     stands = slice(0, 10)
     np.testing.assert_allclose(frame.actors.boxes.array[stands], first.actors.boxes.array[stands], atol=1e-4)
     agent = frame.agents["ego"]
