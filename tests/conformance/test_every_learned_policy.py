@@ -29,7 +29,7 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.testing import check_policy, check_uplink
 from coopsim.types import BevGrid, Detections, FeatureMap, Message, Observation, Odometry, PoseEstimate, Sweep, Tracks
 
-NAMES = sorted({*coopsim.POLICIES.names()} - {*policies_on_boxes(), "yoloo"})
+NAMES = sorted({*coopsim.POLICIES.names()} - {*policies_on_boxes(), "truth", "yoloo"})
 EVERY = pytest.mark.parametrize("name", NAMES)
 IN_BOTH = pytest.mark.parametrize("arithmetic", ["float32", "bfloat16"], indirect=True)
 EVERY_FUSION = pytest.mark.parametrize("name", FUSIONS)

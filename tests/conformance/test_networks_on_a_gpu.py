@@ -20,7 +20,7 @@ from coopsim.catalog import policies_on_boxes  # noqa: E402
 from coopsim.detection.presets import make_detector  # noqa: E402
 from coopsim.errors import InvalidValueError  # noqa: E402
 
-NAMES = sorted({*coopsim.POLICIES.names()} - {*policies_on_boxes(), "yoloo"})
+NAMES = sorted({*coopsim.POLICIES.names()} - {*policies_on_boxes(), "truth", "yoloo"})
 SMALL: dict[str, Any] = {"vehicles": 8, "lidar": "VLP-16", "lidar_columns": 256, "max_cycles": 2, "latency_s": 0.1}
 VIEWS = [
     replace(lit_view(light), sweeps=view_of(sweep_from((0, 0, 0, 0), [light])).sweeps)
