@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
-from coopsim.support.arrays import frozen
+from coopsim.support.arrays import freeze
 from coopsim.support.kernels import njit
 from coopsim.types.units import Ints
 
@@ -45,11 +45,12 @@ class Route:
 
     def __post_init__(self) -> None:
         count = len(self.points)
-        object.__setattr__(self, "points", frozen(self.points, (count, 2), np.float64, "points"))
-        object.__setattr__(
-            self, "speed_limit_m_s", frozen(self.speed_limit_m_s, (count,), np.float64, "speed_limit_m_s")
+        freeze(
+            self,
+            points=((count, 2), np.float64),
+            speed_limit_m_s=((count,), np.float64),
+            right_of_way=((count,), np.int64),
         )
-        object.__setattr__(self, "right_of_way", frozen(self.right_of_way, (count,), np.int64, "right_of_way"))
 
     @property
     def tangents(self) -> Floats:

@@ -254,7 +254,7 @@ class Traffic:
         slots, labels = self._spawner.choose_starts(population)
         cars = self._cars(slots, labels)
         self.connected = tuple(cars[: population.connected])
-        commanded = self.connected if driven is None else [self.connected[number] for number in driven]
+        commanded = self._commanded(driven)
         # Not only the connected cars, unless a policy drives them: another connected car must not change the traffic.
         all_commanded = control != "traffic" and driven is None
         company = list(self.connected) if all_commanded else cars[: max(_COMPANY, len(self.connected))]
@@ -278,6 +278,10 @@ class Traffic:
         self._spawner.park(self.fleet, len(slots), population.parked)
         self._company = np.array([k for k in company if _goes_east(layout.slots[slots[k]].lane)], dtype=np.int64)
 
+    def _commanded(self, driven: Sequence[int] | None) -> tuple[int, ...]:
+        """Return the rows of the connected cars with these numbers; None: of all."""
+        return self.connected if driven is None else tuple(self.connected[number] for number in driven)
+
     def _cast(self, script: Script, parked: int, driver: int | None, driven: Sequence[int] | None) -> None:
         """Put the vehicles of a script on the roads, driven ones with a given driver, and parked ones beside."""
         roles = (script.ego, *script.vehicles)
@@ -285,7 +289,7 @@ class Traffic:
         roads_ahead = max([self._layout.roads_ahead, *(len(role.route) for role in roles)])
         self.fleet = Fleet(np.zeros(count, VEHICLE), np.zeros((count, roads_ahead, 2), np.int64))
         self.connected = tuple(k for k, role in enumerate(roles) if role.connected or k == 0)
-        commanded = self.connected if driven is None else [self.connected[number] for number in driven]
+        commanded = self._commanded(driven)
         usual_driver = TOWN if self._layout.window_m is None else HIGHWAY
         for k, role in enumerate(roles):
             scripted = _SCRIPTED.get(role.manner, usual_driver)
