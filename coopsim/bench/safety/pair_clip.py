@@ -118,11 +118,11 @@ class PairClip:
         """Yield time, length of the standing picture and caption of what happens."""
         alone, sharing = self.alone.events, self.sharing.events
         if sharing.told_by is not None and sharing.tracked_s is not None:
-            ahead = "" if sharing.seen_s is None else f", {sharing.seen_s - sharing.tracked_s:.1f} s before it is seen"
-            told = f"a message of {sharing.told_by} tells the car on the right of the {self._met()}{ahead}."
+            ahead = "" if sharing.seen_s is None else f", {sharing.seen_s - sharing.tracked_s:.1f} s before it sees it"
+            told = f"with messages, the car hears of the {self._met()} from {sharing.told_by}{ahead}."
             yield sharing.tracked_s, _HOLDS_S["told"], f"{sharing.tracked_s:.1f} s: {told}"
         if alone.seen_s is not None:
-            yield alone.seen_s, 0.0, f"{alone.seen_s:.1f} s: only now the car on the left sees the {self._met()}."
+            yield alone.seen_s, 0.0, f"{alone.seen_s:.1f} s: alone, the car sees the {self._met()} only now."
         for run, name in ((self.alone, "alone"), (self.sharing, "with messages")):
             if run.events.crash_s is not None:
                 yield run.events.crash_s, _HOLDS_S["crash"], f"{run.events.crash_s:.1f} s: {_crash(run, name)}"
@@ -138,7 +138,8 @@ class PairClip:
 
     def _met(self) -> str:
         labels = self.alone.drive.label[self.alone.drive.in_conflict]
-        return CLASS_NAMES[int(labels[0])] if len(labels) else "object"
+        name = CLASS_NAMES[int(labels[0])] if len(labels) else "object"
+        return "other car" if name == "car" else name
 
 
 def _crash(run: Recording, name: str) -> str:

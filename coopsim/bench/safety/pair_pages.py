@@ -63,7 +63,7 @@ def _panel(side: int, run: Recording, first_s: float) -> str:
         for at_s, text in shown
     )
     return (
-        f'<div><b>{name}</b> <span class="dim">{html.escape(outcome(run))}</span>'
+        f'<div><p><b>{name}</b> <span class="dim">{html.escape(outcome(run))}</span></p>'
         f'<canvas data-side="{side}" role="img" aria-label="{name} from above"></canvas>'
         f'<div class="moments">{buttons}</div></div>'
     )

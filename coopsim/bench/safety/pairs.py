@@ -86,6 +86,11 @@ def find_pair(table: ResultTable, number: int) -> Pair:
     Raises:
         InvalidValueError: there is none.
     """
+    if policy_alone(table) is None:
+        raise InvalidValueError(
+            "results must have a policy that sends nothing, such as no_fusion, beside those that share, "
+            f"got {', '.join(table.policies)} (--all-grids takes what other commands ran into the folder, too)"
+        )
     found = telling_pairs(table, number)
     if not 1 <= number <= len(found):
         raise InvalidValueError(f"pair must be one of the {len(found)} of these results, from 1, got {number}")
