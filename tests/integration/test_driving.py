@@ -16,6 +16,7 @@ from coopsim.errors import InvalidActionError, PlannerError
 from coopsim.planning.planner import PlannedCar, Planner
 from coopsim.types import Tracks
 from coopsim.wire.actions import pack_tracks
+from coopsim.world.world import World
 
 Make = Callable[..., Any]
 
@@ -206,6 +207,26 @@ def test_drives_are_logged_and_their_commands_replay_the_world(make_small: Make)
             {name: NOTHING | ({"acceleration_m_s2": given[name]} if name in given else {}) for name in again.agents}
         )
         np.testing.assert_array_equal(again.state(), step["state"])
+
+
+@pytest.mark.parametrize("scenario", ["crossing", "urban_grid"])
+def test_others_crash_as_rarely_with_a_planned_car_as_without(monkeypatch: pytest.MonkeyPatch, scenario: str) -> None:
+    worlds: list[World] = []
+    make = World.__init__
+
+    def remember(world: World, *given: Any, **named: Any) -> None:
+        make(world, *given, **named)
+        worlds.append(world)
+
+    monkeypatch.setattr(World, "__init__", remember)
+    options: dict[str, Any] = {"lidar": None, "max_cycles": 200, "expose_ground_truth": True}
+    for control in ({"control": "planner", "driven_agents": ("cav_0",)}, {"control": "traffic"}):
+        env, policy = coopsim.parallel_env(scenario, **options, **control), coopsim.make_policy("truth")
+        observations, infos = env.reset(seed=2)
+        policy.reset(env.agent_specs)
+        while env.agents:
+            observations, *_, infos = env.step(policy.act(observations, infos))
+        assert worlds[-1].crashed() == ()
 
 
 def test_ordinary_traffic_has_no_drives(make_small: Make) -> None:
