@@ -173,7 +173,8 @@ def replay_env(
     Args:
         name: the environment's id.
         path: the folder; there is no default.
-        format: format of the folder: "text", "opv2v" (V2XSet, too), "v2v4real", "spd" or "kitti"; "auto" finds it.
+        format: format of the folder: "text", or one of `coopsim.data.recordings.find_format.FOLDERS`, such as "opv2v"
+            (V2XSet, too) and "nuscenes"; "auto" finds it.
         reward: reward by name or as an object, see `coopsim.envs.rewards`; None is "mota".
         **options: fields of `CommonOptions` and of `TextOptions` (see `Replay`) or `RecordedOptions`, by the format.
     """

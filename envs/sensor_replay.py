@@ -42,7 +42,8 @@ class RecordedOptions(PerceptionOptions):
         frame_s: time between two recorded frames where the files have no time stamps; None: the format's, 0.1 s.
         lidar_height_m: height of LiDARs over the ground where the files do not say it; a number, or one by kind.
         odometry: "poses" or "auto" (of the files), or "none" (for one agent alone, as if it stood still).
-        points: points of KITTI that are kept: "picture" (points in the picture, as only these are labelled) or "all".
+        points: points of KITTI, and of arrays with a `fov_deg`, that are kept: "picture" (those in the labelled view)
+            or "all".
         cameras: put the recorded pictures into the observations; the name of a rig, as policies say what they need,
             means the same: a recording has the cameras that it has.
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 def _add_recordings(parser: argparse.ArgumentParser) -> None:
     """Declare a folder of recordings, what is detected in them, and the latency of messages."""
     add = parser.add_argument
-    add("path", type=Path, help="folder: of OPV2V, V2XSet, V2V4Real, V2X-Seq-SPD or KITTI, or with labels/*.txt")
+    add("path", type=Path, help="folder of recordings: of a data set, of plain arrays, or with labels/*.txt")
     add(
         "--detections",
         type=names,

@@ -135,6 +135,26 @@ def read_labels(path: Path, axes: str = "kitti") -> tuple[Ints, Ints, Boxes3D, I
     if not fields:
         # Most likely an accident, which would silently make every detection of the sequence a false positive.
         raise RecordingError(f"{path} is empty: a sequence without objects has a line of type DontCare")
+    return _labels(fields, path, axes)
+
+
+def read_object_labels(path: Path) -> tuple[Boxes3D, Ints]:
+    """Read boxes and label (N,) of every object in a label file of KITTI's object benchmark, which may be empty.
+
+    A line is as in a sequence's label file, without frame and id: 15 fields, with spaces between them.
+
+    Raises:
+        RecordingError: the file is missing, or has a broken line, which is named.
+    """
+    fields = _fields(path, None, LABEL_FIELDS - 2)
+    if not fields:
+        return Boxes3D.empty(), np.zeros(0, np.int64)
+    _, _, boxes, label, _ = _labels([["0", str(row), *parts] for row, parts in enumerate(fields)], path, "kitti")
+    return boxes, label
+
+
+def _labels(fields: Sequence[Sequence[str]], path: Path, axes: str) -> tuple[Ints, Ints, Boxes3D, Ints, int]:
+    """Return the objects of lines of 17 fields, see `read_labels`."""
     types = [parts[2] for parts in fields]
     for number, kind in enumerate(types, start=1):
         if kind not in LABEL_TYPES and kind not in UNLABELLED:

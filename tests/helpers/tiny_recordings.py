@@ -168,11 +168,11 @@ def write_spd(folder: Path) -> Path:
     return folder
 
 
-def write_kitti(folder: Path) -> Path:
+def write_kitti(folder: Path, pitch_deg: float = PITCH_DEG) -> Path:
     """Write one sequence of agent A, whose camera is under the LiDAR and looks along its x axis."""
     root, world_SE3_base = folder / "training", WORLD_SE3_BASES[0]
-    imu = tilted(PITCH_DEG, 0.5)
-    base_SE3_lidar = tilted(PITCH_DEG, KITTI_LIDAR_M)
+    imu = tilted(pitch_deg, 0.5)
+    base_SE3_lidar = tilted(pitch_deg, KITTI_LIDAR_M)
     lidar_SE3_camera = SE3(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.array([0.1, 0.0, -0.1]))
     camera_SE3_lidar = lidar_SE3_camera.inverse()
     rows = {
@@ -183,7 +183,7 @@ def write_kitti(folder: Path) -> Path:
     }
     text = "".join(f"{name} {' '.join(map(str, each.ravel().tolist()))}\n" for name, each in rows.items())
     _write(root / "calib/0002.txt", text.encode())
-    pitch = np.radians(PITCH_DEG)
+    pitch = np.radians(pitch_deg)
     _write(root / "oxts/0002.txt", f"49.0 8.4 110.0 0.0 {pitch} {np.pi / 2} 0 0\n".encode() * FRAMES)
     labels: list[str] = []
     camera_SE3_base = camera_SE3_lidar.compose(base_SE3_lidar.inverse())

@@ -220,6 +220,26 @@ def test_an_export_is_read_as_it_was_sensed(name: str, options: dict[str, Any], 
             np.testing.assert_allclose(found.yaw, expected.yaw, atol=1e-6)
 
 
+def test_an_export_as_nuscenes_is_read_as_it_was_sensed(tmp_path: Path) -> None:
+    written = export(tmp_path, "nuscenes(agent=cav_0,key_frame_s=0.1)")
+    _, frames = replayed(tmp_path)
+    for true, frame in zip(written, frames, strict=True):
+        assert frame.time_ns == true.time_ns
+        car, shown = true.agents[0], frame.agents["cav_0"]
+        scan, pose = car.lidars["lidar"], shown.body.world_SE3_base
+        base_SE3_lidar = scan.mounting.base_SE3_lidar
+        sweep = shown.observation.sweeps["lidar"]
+        under_lidar = base_SE3_lidar.apply(scan.points) - base_SE3_lidar.translation * [1, 1, 0]
+        np.testing.assert_allclose(sweep.points, under_lidar, atol=1e-4)
+        np.testing.assert_allclose(sweep.intensity, scan.intensity, atol=1e-6)
+        there = true.objects.boxes.transform(car.world_SE3_base.inverse()).array
+        there = there[true.objects.id != car.body.actor_id]
+        mine = frame.actors.boxes.transform(pose.inverse()).array
+        np.testing.assert_allclose(mine[:, 3:6], there[:, 3:6], atol=1e-4)
+        np.testing.assert_allclose(mine[:, :3] + base_SE3_lidar.translation * [1, 1, 0], there[:, :3], atol=1e-3)
+        np.testing.assert_allclose(np.sin(mine[:, 6] - there[:, 6]), 0.0, atol=1e-4)
+
+
 def test_the_command_replays_a_folder(varied: Path, capsys: pytest.CaptureFixture[str]) -> None:
     numbers = varied / "numbers.json"
     command = ["replay", str(varied), "--detector", "simulated", "--policy", "late_fusion", "--json", str(numbers)]

@@ -14,7 +14,7 @@ from coopsim.data.export.seen_share import occlusion_levels
 from coopsim.data.files.pcd import encode_float_points
 from coopsim.data.files.pictures import encode_png
 from coopsim.data.kitti import AXES_SE3_CAMERA
-from coopsim.data.recordings.kitti_tracking_folder import EARTH_M
+from coopsim.data.single_car.kitti_tracking_folder import EARTH_M
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.sensors.camera.projection import rectangles

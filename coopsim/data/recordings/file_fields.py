@@ -21,7 +21,7 @@ from yaml.constructor import ConstructorError
 
 from coopsim.config.yaml_file import load_bounded
 from coopsim.data.kitti import ID_LIMIT, REACH_M
-from coopsim.errors import RecordingError
+from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.geometry.se3 import SE3, Floats
 
 _ORTHONORMAL = 1e-2  # calibrations are written with few digits
@@ -50,7 +50,7 @@ class Fields:
 
     def error(self, key: object, problem: str) -> RecordingError:
         """Return an error about a field."""
-        return RecordingError(f"{self.file}: {self._named(key)} {problem}")
+        return RecordingError(f"{self.file}: {self.field(key)} {problem}")
 
     def value(self, key: str) -> Any:
         """Return a field's value as it is; raise `RecordingError` if it is missing."""
@@ -60,12 +60,12 @@ class Fields:
 
     def section(self, key: str) -> Fields:
         """Return a field that is a mapping."""
-        return Fields(self.value(key), self.file, self._named(key))
+        return Fields(self.value(key), self.file, self.field(key))
 
     def sections(self) -> Iterator[tuple[Any, Fields]]:
         """Yield the fields, all of which are mappings, with their keys."""
         for key, content in self._content.items():
-            yield key, Fields(content, self.file, self._named(key))
+            yield key, Fields(content, self.file, self.field(key))
 
     def text(self, key: str) -> str:
         """Return a field that is a text or a number, as text."""
@@ -111,8 +111,30 @@ class Fields:
         left, _, right = np.linalg.svd(rotation)
         return SE3(left @ right, matrix[:3, 3])
 
-    def _named(self, key: object) -> str:
+    def placed(self) -> SE3:
+        """Return the pose of the fields `translation` (3,) m and `rotation`, a quaternion w, x, y, z."""
+        try:
+            return pose_of_quaternion(self.numbers("rotation", (4,)), self.numbers("translation", (3,)))
+        except InvalidValueError as error:
+            raise self.error("rotation", str(error)) from error
+
+    def field(self, key: object) -> str:
+        """Return the name of a field in the file."""
         return f"{self.name}.{key}" if self.name else str(key)
+
+
+def pose_of_quaternion(wxyz: Floats, translation_m: Floats) -> SE3:
+    """Return the pose of a quaternion (4,) and a translation (3,); raises `InvalidValueError` unless its norm is 1."""
+    norm = float(np.linalg.norm(wxyz))
+    if abs(norm - 1.0) > _ORTHONORMAL:
+        raise InvalidValueError(f"must be a quaternion w, x, y, z of norm 1, got {_shown(wxyz.tolist())}")
+    w, x, y, z = wxyz / norm
+    rotation = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return SE3(np.array(rotation), translation_m)
 
 
 def as_id(value: object, file: Path, name: str) -> int:

@@ -6,12 +6,17 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from coopsim.data.recordings.file_fields import read_tagged_yaml
-from coopsim.data.recordings.kitti_tracking_folder import KittiTrackingFolder
 from coopsim.data.recordings.opv2v_folder import Opv2vFolder
 from coopsim.data.recordings.recorded_folder import ReadingOptions, RecordedFolder
 from coopsim.data.recordings.spd_folder import SpdFolder
 from coopsim.data.recordings.stamped_folders import find_scenarios
 from coopsim.data.recordings.v2v4real_folder import V2v4realFolder
+from coopsim.data.single_car.argoverse2_folder import Argoverse2Folder, find_logs
+from coopsim.data.single_car.array_folder import POINTS, ArrayFolder
+from coopsim.data.single_car.kitti_object_folder import KittiObjectFolder
+from coopsim.data.single_car.kitti_tracking_folder import KittiTrackingFolder
+from coopsim.data.single_car.nuscenes_folder import NuscenesFolder
+from coopsim.data.single_car.nuscenes_tables import find_tables
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.support.checks import require_choice
 
@@ -25,6 +30,10 @@ FOLDERS: Mapping[str, Callable[[Path, ReadingOptions], RecordedFolder]] = {
     "v2v4real": V2v4realFolder,
     "spd": SpdFolder,
     "kitti": KittiTrackingFolder,
+    "kitti_object": KittiObjectFolder,
+    "argoverse2": Argoverse2Folder,
+    "nuscenes": NuscenesFolder,
+    "arrays": ArrayFolder,
 }
 """Formats with sweeps, by name."""
 
@@ -35,6 +44,10 @@ LAYOUTS = (
     "<scenario>/<agent id>/<time stamp>.yaml with .pcd (OPV2V, V2XSet, V2V4Real)",
     "cooperative/data_info.json with vehicle-side/ and infrastructure-side/ (V2X-Seq-SPD)",
     "velodyne/<sequence>/<frame>.bin with label_02/ (KITTI tracking)",
+    "velodyne/<frame>.bin with label_2/ and calib/ (KITTI object)",
+    "<log>/sensors/lidar/<ns>.feather with annotations.feather (Argoverse 2)",
+    "v1.0-<version>/scene.json with samples/ (nuScenes)",
+    "<sequence>_<number>.npz, or points/<frame>.npy with labels/ (arrays)",
 )
 """What is looked for, in words."""
 
@@ -86,14 +99,24 @@ def _find(path: Path) -> str:
         raise RecordingError(f"no folder {path}: a recording set has {_any_layout()}")
     if (path / "cooperative" / "data_info.json").is_file():
         return "spd"
-    if any((path / inner / "velodyne").is_dir() and (path / inner / "label_02").is_dir() for inner in ("", "training")):
-        return "kitti"
+    for name, labels in (("kitti", "label_02"), ("kitti_object", "label_2")):
+        places = (path / inner for inner in ("", "training"))
+        if any((place / "velodyne").is_dir() and (place / labels).is_dir() for place in places):
+            return name
+    if find_tables(path):
+        return "nuscenes"
+    if (path / POINTS).is_dir():
+        return "arrays"
     if (path / "labels").is_dir() or (path / "detections").is_dir():
         return TEXT
     scenarios = find_scenarios(path)
     if scenarios:
         frame = read_tagged_yaml(next(iter(scenarios.values())).first_frame())
         return "v2v4real" if frame.numbers("lidar_pose", (6,), (4, 4)).ndim == 2 else "opv2v"
+    if next(path.glob("*.npz"), None) is not None:
+        return "arrays"
+    if next(find_logs(path), None) is not None:
+        return "argoverse2"
     raise RecordingError(f"{path} has no recordings; looked for: {_any_layout()}")
 
 

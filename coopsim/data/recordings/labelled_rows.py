@@ -9,25 +9,59 @@ from numpy.typing import NDArray
 
 from coopsim.data.recordings.file_fields import Fields
 from coopsim.data.recordings.recorded_folder import RecordedObjects
+from coopsim.errors import RecordingError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.types import Ints, Sweep
 from coopsim.types.taxonomy import ObjectClass
 
 _NAMES = {
-    ObjectClass.CAR: ("car", "policecar", "suv", "pickup", "pickuptruck", "taxi"),
-    ObjectClass.VAN: ("van",),
-    ObjectClass.TRUCK: ("truck", "boxtruck", "concretetruck", "semitruck", "semitrailer", "longvehicle", "trailer"),
-    ObjectClass.BUS: ("bus",),
-    ObjectClass.MOTORCYCLE: ("motorcycle", "motorcyclist", "motorcyclerider", "motorcylerider", "tricyclist"),
-    ObjectClass.BICYCLE: ("bicycle", "bicyclerider", "cyclist", "barrowlist"),
-    ObjectClass.SCOOTER: ("scooter", "scooterrider"),
-    ObjectClass.PEDESTRIAN: ("pedestrian", "roadworker", "person", "personsitting"),
-    ObjectClass.CHILD: ("child",),
+    ObjectClass.CAR: (
+        *("car", "policecar", "suv", "pickup", "pickuptruck", "taxi", "regularvehicle"),
+        *("vehiclecar", "vehicleemergencypolice"),
+    ),
+    ObjectClass.VAN: ("van", "vehicleemergencyambulance"),
+    ObjectClass.TRUCK: (
+        *("truck", "boxtruck", "concretetruck", "semitruck", "semitrailer", "longvehicle", "trailer"),
+        *("largevehicle", "truckcab", "vehiculartrailer"),
+        *("vehicletruck", "vehicletrailer", "vehicleconstruction"),
+    ),
+    ObjectClass.BUS: ("bus", "schoolbus", "articulatedbus", "vehiclebusbendy", "vehiclebusrigid"),
+    ObjectClass.MOTORCYCLE: (
+        *("motorcycle", "motorcyclist", "motorcyclerider", "motorcylerider", "tricyclist", "vehiclemotorcycle"),
+    ),
+    ObjectClass.BICYCLE: ("bicycle", "bicyclerider", "bicyclist", "cyclist", "barrowlist", "vehiclebicycle"),
+    ObjectClass.SCOOTER: ("scooter", "scooterrider", "wheeledrider", "humanpedestrianpersonalmobility"),
+    ObjectClass.PEDESTRIAN: (
+        *("pedestrian", "roadworker", "person", "personsitting", "officialsignaler"),
+        *("humanpedestrianadult", "humanpedestrianpoliceofficer", "humanpedestrianconstructionworker"),
+    ),
+    ObjectClass.CHILD: ("child", "humanpedestrianchild"),
 }
 _CLASSES = {name: cls for cls, names in _NAMES.items() for name in names}
-_NO_OBJECTS = ("dontcare", "misc", "tram", "trafficcone", "trafficsign", "barrier", "trashcan", "unknown", "other")
+_NO_OBJECTS = (
+    *("dontcare", "misc", "tram", "trafficcone", "trafficsign", "barrier", "trashcan", "unknown", "other"),
+    # Argoverse 2
+    *("animal", "dog", "bollard", "constructionbarrel", "constructioncone", "messageboardtrailer", "sign", "stopsign"),
+    *("mobilepedestriancrossingsign", "railedvehicle", "stroller", "trafficlighttrailer", "wheelchair"),
+    "wheeleddevice",
+    # nuScenes
+    *("humanpedestrianstroller", "humanpedestrianwheelchair", "movableobjectbarrier", "movableobjectdebris"),
+    *("movableobjectpushablepullable", "movableobjecttrafficcone", "staticobjectbicyclerack"),
+)
 """Types of labels that are no road users of ours, or not known."""
+
+
+UNRELATED_S = 0.5
+"""Time between frames that are no film, as of KITTI's object benchmark: beyond the 0.25 s within which networks join
+sweeps."""
+
+_IDS_OF_FRAME = 10_000  # more objects than any frame has
+
+
+def ids_of_frame(number: int, count: int) -> Ints:
+    """Return ids (N,) >= 1 of the objects of an unrelated frame, which no other frame has."""
+    return _IDS_OF_FRAME * number + 1 + np.arange(count, dtype=np.int64)
 
 
 def find_class(name: str) -> ObjectClass | None:
@@ -52,11 +86,24 @@ def class_of(about: Fields, key: str, default: str | None = None) -> int | None:
         RecordingError: the field is missing, or the type is not known.
     """
     name = default if default is not None and key not in about else about.text(key)
+    return class_named(name, f"{about.file}: {about.field(key)}")
+
+
+def class_named(name: str, where: str) -> int | None:
+    """Return the label of a type's name; None: it is no object of ours.
+
+    Args:
+        name: name of the type, see `find_class`.
+        where: file and field, for the error.
+
+    Raises:
+        RecordingError: the type is not known.
+    """
     try:
         found = find_class(name)
     except KeyError:
         accepted = ", ".join(sorted((*_CLASSES, *_NO_OBJECTS)))
-        raise about.error(key, f"must be the type of an object ({accepted}), got {name!r}") from None
+        raise RecordingError(f"{where} must be the type of an object ({accepted}), got {name!r}") from None
     return None if found is None else int(found)
 
 

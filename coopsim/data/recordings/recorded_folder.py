@@ -110,6 +110,9 @@ class RecordedObjects:
     def __len__(self) -> int:
         return len(self.id)
 
+    def __getitem__(self, rows: Ints) -> RecordedObjects:
+        return RecordedObjects(self.id[rows], self.boxes[rows], self.label[rows])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedAgent:
@@ -162,7 +165,8 @@ class ReadingOptions:
         frame_s: time between two recorded frames where they have no time stamps; None: the format's, 0.1 s.
         lidar_height_m: height of LiDARs over the ground where it is not in the files; a number for all agents, or one
             by kind ("cav", "rsu", "drone"); None: the format's.
-        points: "picture" keeps, of KITTI's clouds, what is in the picture, as only that is labelled; "all" keeps all.
+        points: "picture" keeps, of KITTI's clouds and of arrays with a `fov_deg`, what is in the labelled view; "all"
+            keeps all.
         odometry: source of the agents' motion: "poses", of the files; "auto", the same; "none", for a single agent
             whose labels are in its own frame: as if it stood still.
 

@@ -213,7 +213,7 @@ def test_arrays_that_are_no_plain_numbers_are_refused(old: str, new: str, proble
     ("options", "problem"),
     [
         ({"dt_s": 0.25}, "dt_s must be a multiple of the recordings' 0.1 s"),
-        ({"format": "nuscenes"}, "unknown format 'nuscenes'"),
+        ({"format": "waymo"}, "unknown format 'waymo'"),
         ({"odometry": "none"}, "odometry must be 'auto' or 'poses' here"),
         ({"odometry": "estimated"}, "unknown odometry 'estimated'"),
         ({"lidar_height_m": {"bus": 2.0}}, "lidar_height_m must be by kind"),

@@ -14,37 +14,38 @@ option `points` is "all". A frame whose cloud is missing has no points: the benc
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import rq
 
-from coopsim.data.files.pcd import read_float_points
-from coopsim.data.kitti import AXES_SE3_CAMERA, read_labels
-from coopsim.data.recordings.file_fields import Fields
-from coopsim.data.recordings.labelled_rows import LabelledRows, base_under, sweep_in_base
+from coopsim.data.kitti import read_labels
+from coopsim.data.recordings.labelled_rows import base_under
 from coopsim.data.recordings.recorded_folder import (
     IN_PICTURE,
-    RecordedAgent,
     RecordedFolder,
     RecordedFrame,
     RecordedName,
     RecordedObjects,
-    RecordedPicture,
     RecordedSequence,
-    find_picture,
     name_agents,
-    picture_size,
+)
+from coopsim.data.single_car.kitti_calibration import (
+    CAMERA,
+    CAR,
+    HEIGHT_M,
+    KittiCalibration,
+    KittiFrame,
+    frame_number,
+    lifted,
+    read_kitti_calibration,
 )
 from coopsim.errors import RecordingError
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.checks import require_choice
-from coopsim.types import Ints, Sweep, seconds_to_ns
+from coopsim.types import Ints, seconds_to_ns
 
 EARTH_M = 6378137.0
 """Radius of the sphere on which latitudes and longitudes are projected."""
@@ -105,15 +106,6 @@ def _turn(roll: float, pitch: float, yaw: float) -> Floats:
     )
 
 
-HEIGHT_M = {"cav": 1.73}
-"""Height of KITTI's LiDAR over the ground."""
-
-CAMERA = "image_02"
-CAR = "car"
-
-_USUAL_SIZE = 375, 1242  # of a picture, where there is none
-
-
 @dataclass(frozen=True)
 class KittiTrackingFolder(RecordedFolder):
     """A folder of KITTI tracking: `training`, or the one above."""
@@ -149,41 +141,6 @@ class KittiTrackingFolder(RecordedFolder):
 
 
 @dataclass(frozen=True)
-class KittiCalibration:
-    """Calibration of a sequence.
-
-    Attributes:
-        projection: (3, 4) from the rectified camera's frame to pixels of the left colour camera.
-        rectified_SE3_lidar: from the LiDAR's frame to that of the rectified camera.
-        lidar_SE3_imu: from the frame of the inertial unit to the LiDAR's; None: it is not in the file.
-    """
-
-    projection: Floats
-    rectified_SE3_lidar: SE3
-    lidar_SE3_imu: SE3 | None
-
-    @cached_property
-    def camera(self) -> tuple[Floats, SE3]:
-        """The camera's K (3, 3), and its pose in the LiDAR's frame: the projection is K R [1 | -place]."""
-        scaled, turn = (np.asarray(part, np.float64) for part in rq(self.projection[:, :3]))
-        signs = np.sign(np.diag(scaled))
-        scaled, turn = scaled * signs, signs[:, None] * turn
-        matrix = scaled / scaled[2, 2]
-        matrix[0, 1] = 0.0  # what rounding leaves
-        place = np.asarray(-np.linalg.solve(self.projection[:, :3], self.projection[:, 3]), np.float64)
-        return matrix, self.rectified_SE3_lidar.inverse().compose(SE3(turn.T, place))
-
-    def shows(self, points: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.bool_]:
-        """Return the mask (P,) of points (P, 3) in the LiDAR's frame that are in a picture of this height and width."""
-        there = self.rectified_SE3_lidar.apply(points)
-        u, v, depth = (there @ self.projection[:, :3].T + self.projection[:, 3]).T
-        with np.errstate(divide="ignore", invalid="ignore"):
-            column, row = u / depth, v / depth
-        inside: NDArray[np.bool_] = (depth > 0) & (column >= 0) & (row >= 0) & (column < size[1]) & (row < size[0])
-        return inside
-
-
-@dataclass(frozen=True)
 class KittiTrackingSequence(RecordedSequence):
     """A sequence of KITTI tracking.
 
@@ -201,22 +158,21 @@ class KittiTrackingSequence(RecordedSequence):
 
     @cached_property
     def frames(self) -> int:
-        numbers = [_number(path) for path in (self.root / "velodyne" / self.name).iterdir() if path.suffix == ".bin"]
+        clouds = self.root / "velodyne" / self.name
+        numbers = [frame_number(path) for path in clouds.iterdir() if path.suffix == ".bin"]
         if not numbers:
-            raise RecordingError(f"{self.root / 'velodyne' / self.name} has no <frame>.bin")
+            raise RecordingError(f"{clouds} has no <frame>.bin")
         return 1 + max(numbers)
 
     def frame(self, number: int) -> RecordedFrame:
-        world_SE3_lidar = self._poses[number] if self._poses is not None else _lifted(self.height_m)
-        world_SE3_base = base_under(world_SE3_lidar, self.height_m)
-        base_SE3_lidar = world_SE3_base.inverse().compose(world_SE3_lidar)
-        agent = RecordedAgent(
-            world_SE3_base,
-            base_SE3_lidar,
-            partial(self._sweep, number, base_SE3_lidar),
-            partial(self._pictures, number, base_SE3_lidar),
-        )
-        objects = self._objects(number, world_SE3_lidar)
+        world_SE3_lidar = self._poses[number] if self._poses is not None else lifted(self.height_m)
+        stem = f"{number:06d}"
+        cloud, picture = (self.root / part / self.name / stem for part in ("velodyne", CAMERA))
+        files = KittiFrame(self._calibration, cloud.with_suffix(".bin"), picture, self.in_picture)
+        agent = files.agent(world_SE3_lidar, self.height_m)
+        frame, every = self._labels
+        labelled = every[np.flatnonzero(frame == number)]
+        objects = files.objects(labelled, world_SE3_lidar)
         return RecordedFrame(seconds_to_ns(number * self.frame_s), dict.fromkeys(self.agents, agent), objects)
 
     @cached_property
@@ -250,84 +206,3 @@ class KittiTrackingSequence(RecordedSequence):
         if len(ids) and ids.min() < 0:
             raise RecordingError(f"{path}: ids of objects must be >= 0, got {ids.min()}")
         return frame, RecordedObjects(ids + 1, boxes, label)
-
-    def _objects(self, number: int, world_SE3_lidar: SE3) -> RecordedObjects:
-        frame, every = self._labels
-        rows = LabelledRows()
-        for row in np.flatnonzero(frame == number).tolist():
-            center, size, yaw = every.boxes.center[row], every.boxes.size[row], float(every.boxes.yaw[row])
-            rows.add(int(every.id[row]), center, size, yaw, int(every.label[row]))
-        lidar_SE3_axes = self._calibration.rectified_SE3_lidar.inverse().compose(AXES_SE3_CAMERA.inverse())
-        return rows.objects(world_SE3_lidar.compose(lidar_SE3_axes))
-
-    def _sweep(self, number: int, base_SE3_lidar: SE3) -> Sweep:
-        path = self.root / "velodyne" / self.name / f"{number:06d}.bin"
-        if not path.is_file():
-            return Sweep.empty()
-        points = read_float_points(path, 4)
-        picture = self._picture_path(number)
-        if self.in_picture:
-            size = picture_size(picture) if picture is not None else _USUAL_SIZE
-            points = points[self._calibration.shows(points[:, :3], size)]
-        return sweep_in_base(base_SE3_lidar, points[:, :3], points[:, 3])
-
-    def _pictures(self, number: int, base_SE3_lidar: SE3) -> dict[str, RecordedPicture]:
-        path = self._picture_path(number)
-        if path is None:
-            return {}
-        matrix, lidar_SE3_camera = self._calibration.camera
-        return {CAMERA: find_picture(path, matrix, base_SE3_lidar.compose(lidar_SE3_camera))}
-
-    def _picture_path(self, number: int) -> Path | None:
-        for ending in (".png", ".jpg"):
-            path = self.root / CAMERA / self.name / f"{number:06d}{ending}"
-            if path.is_file():
-                return path
-        return None
-
-
-def read_kitti_calibration(path: Path) -> KittiCalibration:
-    """Read a calibration; a key may have a colon behind it.
-
-    Raises:
-        RecordingError: the file is missing, or a line is missing or broken; names it.
-    """
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise RecordingError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from error
-    words = (line.split() for line in lines if line.strip())
-    fields = Fields({key.rstrip(":"): numbers for key, *numbers in words}, path)
-    rectified, from_lidar, from_imu = (
-        next((name for name in names if name in fields), names[0])
-        for names in (
-            ("R_rect", "R0_rect"),
-            ("Tr_velo_cam", "Tr_velo_to_cam"),
-            ("Tr_imu_velo", "Tr_imu_to_velo"),
-        )
-    )
-    turn = fields.numbers(rectified, (9,)).reshape(3, 3)
-    rectified_SE3_camera = fields.as_transform(rectified, _square(np.column_stack([turn, np.zeros(3)])))
-    return KittiCalibration(
-        fields.numbers("P2", (12,)).reshape(3, 4),
-        rectified_SE3_camera.compose(_transform(fields, from_lidar)),
-        _transform(fields, from_imu) if from_imu in fields else None,
-    )
-
-
-def _transform(fields: Fields, key: str) -> SE3:
-    return fields.as_transform(key, _square(fields.numbers(key, (12,)).reshape(3, 4)))
-
-
-def _square(matrix: Floats) -> Floats:
-    return np.vstack([matrix, [0.0, 0.0, 0.0, 1.0]])
-
-
-def _lifted(height_m: float) -> SE3:
-    return SE3(np.eye(3), np.array([0.0, 0.0, height_m]))
-
-
-def _number(path: Path) -> int:
-    if not re.fullmatch(r"\d{1,9}", path.stem):
-        raise RecordingError(f"{path}: the name of a cloud must be the frame's number, got {path.stem!r}")
-    return int(path.stem)
