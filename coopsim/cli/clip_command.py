@@ -45,8 +45,8 @@ def _add_clip(parser: argparse.ArgumentParser) -> None:
 def _run_clip(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
-    from coopsim.bench.safety.movie import require_movie, write_movie
-    from coopsim.bench.safety.pair_clip import FRAMES_PER_S, PairClip
+    from coopsim.bench.safety.movie import FRAMES_PER_S, require_movie, write_movie
+    from coopsim.bench.safety.pair_clip import PairClip
     from coopsim.bench.safety.recording import record
 
     require_movie(options.out)
@@ -55,8 +55,9 @@ def _run_clip(options: argparse.Namespace) -> int:
     if isinstance(alone, str) or isinstance(sharing, str):
         raise InvalidValueError(alone if isinstance(alone, str) else str(sharing))
     clip = PairClip(alone, sharing, float(options.seconds), options.title)
-    frames = tqdm(clip.frames(), "film", options.seconds * FRAMES_PER_S, disable=None, leave=False)
-    write_movie(options.out, frames, FRAMES_PER_S)
+    rate = FRAMES_PER_S[options.out.suffix.lower()]
+    frames = tqdm(clip.frames(rate), "film", options.seconds * rate, disable=None, leave=False)
+    write_movie(options.out, frames, rate)
     print(f"{sharing.cell.condition.scenario}, seed {sharing.cell.seed}: {alone.cell.policy}, {sharing.cell.policy}")
     print(f"written: {options.out}")
     return 0

@@ -13,7 +13,8 @@ from PIL import Image
 from coopsim.errors import InvalidValueError, MissingDependencyError
 from coopsim.support.files import require_writable
 
-SUFFIXES = (".gif", ".mp4")
+FRAMES_PER_S = {".gif": 10, ".mp4": 20}
+"""Frames a second by ending: a GIF stores whole pictures, and one in a page is loaded by everyone who opens it."""
 
 _GIF_WIDTH_PX, _GIF_COLORS = 960, 96
 """Width and colours of a GIF: 30 s stay below what programs for slides and mail take."""
@@ -26,8 +27,8 @@ def require_movie(path: Path) -> None:
         InvalidValueError: its name is not that of a movie, or nothing can be written there.
         MissingDependencyError: it is an MP4, and there is no ffmpeg.
     """
-    if path.suffix.lower() not in SUFFIXES:
-        raise InvalidValueError(f"movie must end in {' or '.join(SUFFIXES)}, got {str(path)!r}")
+    if path.suffix.lower() not in FRAMES_PER_S:
+        raise InvalidValueError(f"movie must end in {' or '.join(FRAMES_PER_S)}, got {str(path)!r}")
     if path.suffix.lower() == ".mp4":
         find_ffmpeg()
     require_writable(path)

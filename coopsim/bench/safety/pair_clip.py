@@ -29,13 +29,15 @@ from coopsim.types.taxonomy import CLASS_NAMES
 from coopsim.viz import palette
 
 SIZE_PX = (1280, 720)
-FRAMES_PER_S = 20
 
 _LEAD_S, _AFTER_S = 4.0, 2.0
 """Time shown before the first thing that happens, and after the last."""
 
 _HOLDS_S = {"start": 4.0, "told": 3.0, "crash": 3.0, "end": 5.0}
 """Time for which the picture stands, to be read: about three words a second."""
+
+_CALM_S = 30.0
+"""Length of a clip from which on pictures stand so long; in a shorter one they stand for less."""
 
 _MARGIN, _HEAD, _PANEL_TOP, _PANEL, _STRIP = 16, 52, 92, (616, 458), (616, 64)
 _STRIP_TOP, _CAPTION_TOP = _PANEL_TOP + _PANEL[1] + 6, SIZE_PX[1] - 84
@@ -80,7 +82,9 @@ class PairClip:
         start_s, end_s = self._window()
         marks = sorted(self._marks(), key=lambda mark: mark[0])
         marks = [(max(at_s, start_s + 0.05), hold, told) for at_s, hold, told in marks if at_s < end_s]
-        stands = [_HOLDS_S["start"], *(hold for _, hold, _ in marks), _HOLDS_S["end"]]
+        hurry = min(self.lasts_s / _CALM_S, 1.0)
+        marks = [(at_s, hold * hurry, told) for at_s, hold, told in marks]
+        stands = [_HOLDS_S["start"] * hurry, *(hold for _, hold, _ in marks), _HOLDS_S["end"] * hurry]
         slow = max(self.lasts_s - sum(stands), 1.0) / (end_s - start_s)
         caption = self._opening()
         beats = [Beat(start_s, start_s, stands[0], caption)]
@@ -93,7 +97,7 @@ class PairClip:
         beats.append(Beat(now, end_s, (end_s - now) * slow, caption))
         return [*beats, Beat(end_s, end_s, stands[-1], self._ending())]
 
-    def frames(self, frames_per_s: int = FRAMES_PER_S) -> Iterator[Image.Image]:
+    def frames(self, frames_per_s: int = 20) -> Iterator[Image.Image]:
         """Draw all frames; a standing picture is one object, yielded again."""
         painter = _Painter(self, *self._window())
         for beat in self.beats():
