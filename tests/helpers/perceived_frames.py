@@ -28,6 +28,7 @@ def objects(
     size: Sequence[float] = CAR,
     seen_by: Sequence[int] | None = None,
     counts: Sequence[bool] | None = None,
+    returns: Sequence[Sequence[int]] | None = None,
 ) -> GroundTruth:
     """Objects at these x m, y = 0."""
     return GroundTruth(
@@ -35,6 +36,7 @@ def objects(
         _boxes(list(x_m), size),
         [label] * len(x_m),
         None if seen_by is None else np.array(seen_by),
+        returns=None if returns is None else np.array(returns),
         counts=None if counts is None else np.array(counts),
     )
 

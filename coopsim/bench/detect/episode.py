@@ -239,6 +239,7 @@ def _truth(columns: Mapping[str, Any]) -> GroundTruth:
         Boxes3D.from_array(columns["box"]),
         columns["label"],
         columns.get("visible_to"),
+        returns=columns.get("returns"),
         counts=columns["counts"],
     )
 

@@ -35,6 +35,8 @@ class Perceived:
         true_label: (M,).
         true_counts: (M,) whether the object counts: in the region, and seen by some agent.
         true_seen_by: (M,) numbers into `coopsim.metrics.score.SEEN_BY`, or `UNKNOWN`.
+        true_returns: (M, 2) LiDAR returns of all agents together, and of the agent with most; `UNKNOWN` in a recording
+            without sweeps.
         region_m: half length and width of the evaluation region; infinite: no limit.
         frames: frames of the environment, each with several receivers.
         messages: broadcasts in the episode, each counted once.
@@ -51,6 +53,7 @@ class Perceived:
     true_label: Ints
     true_counts: Mask
     true_seen_by: Ints
+    true_returns: Ints
     region_m: tuple[float, float] = (np.inf, np.inf)
     frames: int = 0
     messages: int = 0
@@ -80,6 +83,7 @@ class Perceived:
             _joined([each.label for each in truth], (0,), np.int64),
             _joined([_or_all(each.counts, len(each), True) for each in truth], (0,), np.bool_),
             _joined([_or_all(each.visible_to, len(each), UNKNOWN) for each in truth], (0,), np.int64),
+            _joined([_sum_and_most(each) for each in truth], (0, 2), np.int64),
             (np.inf, np.inf) if region_m is None else region_m,
             len(found) if frames is None else frames,
             messages,
@@ -125,6 +129,13 @@ def _joined(parts: Sequence[NDArray[Any]], empty: tuple[int, ...], dtype: type) 
 
 def _or_all(column: NDArray[Any] | None, count: int, value: int | bool) -> NDArray[Any]:
     return np.full(count, value) if column is None else column
+
+
+def _sum_and_most(truth: GroundTruth) -> Ints:
+    """Return the returns (N, 2) of all agents together, and of the agent with most."""
+    if truth.returns is None or not truth.returns.shape[1]:
+        return np.full((len(truth), 2), UNKNOWN, np.int64)
+    return np.stack([truth.returns.sum(axis=1), truth.returns.max(axis=1)], axis=1)
 
 
 _PLAIN = ("region_m", "frames", "messages", "sent_bytes", "ms")

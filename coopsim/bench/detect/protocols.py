@@ -61,6 +61,7 @@ class CoopsimProtocol(Protocol):
     | kinds | vehicles (car, van, truck, bus) as one; `people` (pedestrian, child) |
     | | `riders` (motorcycle, bicycle, scooter); `vulnerable` (people and riders as one); each class by itself |
     | `own`, `others_only` | vehicles that the receiver has returns from, or only others |
+    | `5_returns` | vehicles with five returns or more of all agents together: less can hardly be placed by anybody |
     | bands | vehicles by distance of their centre over ground: `0-30m`, `30-50m`, `50-100m` |
 
     Of a part of the vehicles: they are matched among all vehicles; detections on the others are left out, and
@@ -75,6 +76,7 @@ class CoopsimProtocol(Protocol):
         **{f" {each.title}": (each,) for each in ObjectClass},
     }
     seen_by: ClassVar[Mapping[str, int]] = {" own": 0, " others_only": 1}
+    least_returns = 5
     bands_m = ((0.0, 30.0), (30.0, 50.0), (50.0, 100.0))
     ignored_iou = 0.25
 
@@ -118,6 +120,7 @@ class CoopsimProtocol(Protocol):
         away_m, found_away_m = distances(there.true_box), distances(there.found_box)
         everywhere = np.ones(len(hit), np.bool_)
         parts = {part: (there.true_seen_by == number, everywhere) for part, number in self.seen_by.items()}
+        parts[f" {self.least_returns}_returns"] = there.true_returns[:, 0] >= self.least_returns, everywhere
         for near_m, far_m in self.bands_m:
             within = (away_m >= near_m) & (away_m < far_m)
             parts[f" {near_m:g}-{far_m:g}m"] = within, (found_away_m >= near_m) & (found_away_m < far_m)

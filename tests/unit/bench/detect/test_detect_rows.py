@@ -65,3 +65,16 @@ def test_the_table_shows_intervals_and_leaves_out_empty_columns() -> None:
     assert text.startswith("protocol opencood") and "1.000 (1.00-1.00)" in text and "0.4/0.2" in text
     assert "delay_ms" not in text
     assert markdown_table([]) == "no results"
+
+
+def test_hits_are_told_apart_by_returns_and_shown_in_two_protocols() -> None:
+    """Cars: one that one agent sees well, one that only both together do, one with 5, one with 4 returns."""
+    truth = objects(0, 20, 40, 60, returns=[[30, 0], [6, 5], [3, 2], [4, 0]])
+    perceived = Perceived.of([detections((0, 0.9), (20, 0.8), (40, 0.7))], [truth])
+    row = row_of(DetectPlan(), PLACE, {}, [Measured.of(perceived, "coopsim")])
+    assert row["only_together"] == 1 / 4
+    assert (row["APBEV@0.5"], row["APBEV@0.5 5_returns"]) == (3 / 4, 1)
+    assert row["opencood"]["APBEV@0.5"] == 3 / 4
+    assert markdown_table([row]).count("protocol ") == 2
+    unknown = row_of(DetectPlan(), PLACE, {}, [Measured.of(GOOD, "coopsim")])
+    assert unknown["only_together"] is None and unknown["APBEV@0.5 5_returns"] is None
