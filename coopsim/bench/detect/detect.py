@@ -166,11 +166,10 @@ def markdown_table(rows: Sequence[Mapping[str, Any]]) -> str:
     """Format rows of one protocol as a Markdown table, and below it the same boxes by the protocol beside it."""
     if not rows:
         return "no results"
-    beside = _BESIDE.get(str(rows[0]["protocol"]))
+    beside = _BESIDE.get(str(rows[0]["protocol"]), "")
+    about = ("within_m", *_ABOUT)
     seconds = [
-        {**{name: row[name] for name in ("within_m", *_ABOUT)}, "protocol": beside, **row[beside]}
-        for row in rows
-        if beside in row
+        {**{name: row[name] for name in about}, "protocol": beside, **row[beside]} for row in rows if beside in row
     ]
     return "\n\n".join(_table(each) for each in (rows, seconds) if each)
 
