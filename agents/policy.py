@@ -33,7 +33,8 @@ from coopsim.support.methods import is_newer
 from coopsim.support.rng import stream
 from coopsim.types import AgentSpec, GroundTruth, Message, Observation, Tracks
 from coopsim.types.driving import Command
-from coopsim.wire.actions import idle, pack_tracks
+from coopsim.wire.actions import MESSAGE, idle, pack_tracks
+from coopsim.wire.message_parts import everything
 from coopsim.wire.observation_format import ObservationFormat
 
 T = TypeVar("T")
@@ -163,6 +164,15 @@ class Policy(ABC):
         """
         return idle(self.specs[agent].command)
 
+    def speak(self, agent: str, observation: Observation) -> Mapping[str, Any] | None:
+        """Choose what `agent` sends of this observation: the part `message` of its action; None: nothing.
+
+        Called only with `uplink="action"`, after the tracks of all agents. By default all detections go to all agents,
+        the surest first; where messages are payloads, nothing is sent.
+        """
+        part = self.specs[agent].message
+        return None if part is None else everything(part, observation.detections)
+
     def reset(self, agent_specs: Mapping[str, AgentSpec], seed: int = 0) -> None:
         """Begin an episode with these agents, and forget the last one.
 
@@ -245,6 +255,8 @@ class Policy(ABC):
         command = self.specs[agent].command
         if command is not None:
             action[command] = self.drive(agent, observation)
+        if self.specs[agent].message is not None:
+            action[MESSAGE] = self.speak(agent, observation)
         return action
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import compress
 from operator import attrgetter
 
 from coopsim.comms.channel.channel import Channel
@@ -11,6 +12,7 @@ from coopsim.comms.codecs.codec import CODECS
 from coopsim.comms.decode_once import DecodeOnce
 from coopsim.comms.radio.obstruction import RadioScene
 from coopsim.comms.uplinks.budget import SELECTIONS, Selection, WithinBudget
+from coopsim.comms.uplinks.by_action import SaidByAction
 from coopsim.comms.uplinks.uplink import ContentUplink, Uplink, uplink_factory
 from coopsim.config.spec import parse_spec
 from coopsim.envs.frames import Frame
@@ -19,6 +21,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.types import AgentSpec, Message, Observation
+from coopsim.types.messages import MessagePart, Said
 
 
 class Exchange:
@@ -30,15 +33,16 @@ class Exchange:
         self.channel = Channel(options.channel_config, seed)
         self._uplinks = make_uplinks(options, specs, seed)
         self._buildings = buildings if options.channel_config.radio is not None else None
+        self._by_action = {name: each for name, each in self._uplinks.items() if isinstance(each, SaidByAction)}
+        self._asked: dict[str, frozenset[str]] = {}
 
     def step(self, frame: Frame) -> dict[str, Observation]:
-        """Send every agent's message, deliver all due messages, and return the frame's observations with inboxes."""
-        bodies = {name: agent.body for name, agent in frame.agents.items()}
-        positions = {name: body.world_SE3_base.translation for name, body in bodies.items()}
-        around = None
-        if self._buildings is not None:
-            around = RadioScene.of(bodies, frame.actors, self._buildings)
-        self.channel.send(self._messages(frame), frame.time_ns, positions, around)
+        """Send every agent's message, deliver all due messages, and return the frame's observations with inboxes.
+
+        Messages that actions say were sent by `tell`, after the frame before.
+        """
+        if not self._by_action:
+            self._send(self._messages(frame), frame)
         arrived = self.channel.deliver(frame.time_ns)
         received = {
             name: agent.observation.with_inbox(_by_capture(arrived.get(name, [])))
@@ -47,6 +51,44 @@ class Exchange:
         for name, observation in received.items():
             self._uplinks[name].hear(name, observation)
         return received
+
+    def compose(self, frame: Frame, said: Mapping[str, Said]) -> dict[str, Message]:
+        """Return the messages by sender that actions say for this frame; nothing changes.
+
+        Raises:
+            InvalidActionError: names the agent, and says what is wrong with its payload.
+        """
+        made = {
+            name: uplink.said(name, frame.agents[name].observation, said[name])
+            for name, uplink in self._by_action.items()
+            if name in said
+        }
+        return {name: message for name, message in made.items() if message is not None}
+
+    def tell(self, frame: Frame, messages: Mapping[str, Message], said: Mapping[str, Said]) -> None:
+        """Send the messages that `compose` returned for this frame, and take notice of what is asked for."""
+        if not self._by_action:
+            return
+        to = {sender: self._addressed(sender, said[sender]) for sender in messages}
+        self._send([messages[name] for name in frame.agents if to.get(name)], frame, to)
+        self._asked = {
+            name: frozenset(compress(self._uplinks, each.ask)) for name, each in said.items() if each.ask is not None
+        }
+
+    def _addressed(self, sender: str, said: Said) -> frozenset[str]:
+        """Return the agents that a message is for: chosen by its sender, and having asked if one must."""
+        others = [name for place, name in enumerate(self._uplinks) if said.to is None or said.to[place]]
+        if self._by_action[sender].part.ask:
+            others = [name for name in others if sender in self._asked.get(name, ())]
+        return frozenset(others) - {sender}
+
+    def _send(self, messages: list[Message], frame: Frame, to: Mapping[str, frozenset[str]] | None = None) -> None:
+        bodies = {name: agent.body for name, agent in frame.agents.items()}
+        positions = {name: body.world_SE3_base.translation for name, body in bodies.items()}
+        around = None
+        if self._buildings is not None:
+            around = RadioScene.of(bodies, frame.actors, self._buildings)
+        self.channel.send(messages, frame.time_ns, positions, around, to)
 
     def _messages(self, frame: Frame) -> list[Message]:
         """Ask each uplink once for the messages of all agents that it serves; in the order of the agents."""
@@ -80,11 +122,19 @@ def make_uplinks(options: CommonOptions, specs: Mapping[str, AgentSpec], seed: i
         spec = replace(spec, uplink="none", codec=options.codec)
         uplink = make(spec, stream(seed, "uplink", name))
         _require_uplink(uplink, options.codec)
-        if options.budget_bytes is not None and uplink not in within:
+        if isinstance(uplink, SaidByAction):
+            uplink.budget_bytes = options.budget_bytes
+        elif options.budget_bytes is not None and uplink not in within:
             within[uplink] = WithinBudget(uplink, options.budget_bytes, make_selection, decoded)
         uplinks[name] = within.get(uplink, uplink)
         uplink.begin(spec, stream(seed, "uplink state", name))
     return uplinks
+
+
+def message_parts(uplinks: Mapping[str, Uplink]) -> dict[str, MessagePart]:
+    """Return the parts `message` of actions, by the agents whose actions have one."""
+    agents = tuple(uplinks)
+    return {name: replace(each.part, agents=agents) for name, each in uplinks.items() if isinstance(each, SaidByAction)}
 
 
 def _require_uplink(uplink: object, codec: str | None) -> None:
@@ -92,7 +142,8 @@ def _require_uplink(uplink: object, codec: str | None) -> None:
         raise InvalidValueError(f"uplink must make an Uplink for each agent, got {uplink!r}")
     if codec is None:
         return
-    if not (isinstance(uplink, ContentUplink) and uplink.codec_name == parse_spec("codec", codec)[0]):
+    chosen = uplink.codec_name if isinstance(uplink, (ContentUplink, SaidByAction)) else None
+    if chosen != parse_spec("codec", codec)[0]:
         raise InvalidValueError(
             f"codec must be None for {type(uplink).__name__}, which is made without regard to it, got {codec!r}"
         )

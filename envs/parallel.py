@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from coopsim.comms.channel.channel import ChannelCounts
-from coopsim.envs.exchange import Exchange, make_uplinks
+from coopsim.envs.exchange import Exchange, make_uplinks, message_parts
 from coopsim.envs.frames import Frame, FrameProbe, FrameSource, actor_rows, truth_infos
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.rewards import RewardOption
@@ -65,7 +65,8 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     | sensed | 0 or 1 | only with `sense_every` > 1: whether sensors and detector ran in this frame |
 
     Action (dict, per agent): `tracks` (id, box, velocity, score, label) in the agent's base frame, and for a car that
-    the action drives `maneuver` (see `MANEUVERS`) or `acceleration_m_s2`. `coopsim.Policy` packs and unpacks these.
+    the action drives `maneuver` (see `MANEUVERS`) or `acceleration_m_s2`. With `uplink="action"` it has `message`, too:
+    what the agent sends of its observation. `coopsim.Policy` packs and unpacks these.
 
     The reward is `MotaReward` unless another is given. An episode is truncated at its last frame. With
     `ends_on_crash` it terminates, for all agents, when a driven car crashes; otherwise crashes do not end it.
@@ -74,7 +75,9 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     def __init__(self, source: FrameSource, options: CommonOptions, reward: RewardOption = None) -> None:
         self._source, self._options = source, options
         # Made now, too, so that a wrong setting is refused here, not at the first episode.
-        self._contents = {name: each.content for name, each in make_uplinks(options, source.specs, seed=0).items()}
+        uplinks = make_uplinks(options, source.specs, seed=0)
+        self._contents = {name: each.content for name, each in uplinks.items()}
+        self._parts = message_parts(uplinks)
         self._specified: tuple[Mapping[str, AgentSpec], dict[str, AgentSpec]] = ({}, {})
         for option, agents in options.channel_config.agents_by_option.items():
             for agent in agents:
@@ -91,7 +94,9 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             "render_fps": max(1, round(1 / dt_s)),
         }
         self._observation_spaces = {name: source.format.space(name) for name in source.specs}
-        self._action_spaces = {name: action_space(spec.command) for name, spec in self.agent_specs.items()}
+        self._action_spaces = {
+            name: action_space(spec.command, spec.message) for name, spec in self.agent_specs.items()
+        }
         self.state_space = spaces.Box(-np.inf, np.inf, (source.capacity, 11), np.float64)
         self._frame: Frame | None = None
         self._halfway = False  # a call began to change things and did not come to its end
@@ -110,7 +115,9 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         if given is not self._source.specs:
             given = self._source.specs
             specs = {
-                name: replace(spec, uplink=self._contents[name], codec=self._options.codec)
+                name: replace(
+                    spec, uplink=self._contents[name], codec=self._options.codec, message=self._parts.get(name)
+                )
                 for name, spec in given.items()
             }
             self._specified = given, specs
@@ -202,11 +209,13 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         """
         frame = self._running()
         driving = {name: spec.command for name, spec in self.agent_specs.items() if spec.command is not None}
-        tracks, commands = unpack_actions(self.agents, actions, driving)
+        tracks, commands, said = unpack_actions(self.agents, actions, driving, self._parts)
+        messages = self._exchange.compose(frame, said)
         self._halfway = True
         counts = self._scorer.update(frame.agents, tracks)
         over = self._frame = replace(frame, probe=FrameProbe())  # frees the scene that is over
         self._view.update(over, tracks)
+        self._exchange.tell(over, messages, said)
         self._frame = frame = self._source.advance(commands, tracks)
         self._drives.update(over, tracks, frame)
         observations = self._observe(frame)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +15,11 @@ from coopsim.agents.policy import Policy
 from coopsim.envs.frames import TRUTH_INFOS
 from coopsim.envs.parallel import CooperativeEnv
 from coopsim.envs.roles import Others, PolicyLike, Roles, make_provided
-from coopsim.errors import CoopsimError, EpisodeStateError, InvalidValueError
+from coopsim.errors import CoopsimError, EpisodeStateError, InvalidActionError, InvalidValueError
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import derived_seed, require_seed
-from coopsim.types import Tracks
-from coopsim.wire.actions import act_of, idle, pack_tracks, unpack_action
+from coopsim.types import AgentSpec, Tracks
+from coopsim.wire.actions import MESSAGE, act_of, idle, pack_tracks, unpack_action
 
 Packed = dict[str, Any]
 
@@ -32,8 +32,9 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
 
     Observation, reward and info are the ego's own in `CooperativeEnv`; sweeps and cameras are left out of the
     observation where there are none. The action is the ego's, too, a dict with `tracks` and, for
-    a car that its action drives, its command; with a `tracker` it is the command alone: the maneuver, `Discrete(5)`, or
-    under `control="acceleration"` the acceleration in m/s², `Box(-8, 3, (1,))`.
+    a car that its action drives, its command, and with `uplink="action"` its `message`. With a `tracker` it is the
+    command alone: the maneuver, `Discrete(5)`, or under `control="acceleration"` the acceleration in m/s²,
+    `Box(-8, 3, (1,))`; or the message alone; or a dict with both.
 
     Where the options `uplink` and `cameras` are not given, the policies decide them. Every agent broadcasts what its
     policy makes; one without a policy that reads messages broadcasts the same kind of content.
@@ -84,11 +85,12 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
             self.ego = _chosen_ego(self.parallel, ego)
             self.policies = _assigned(roles, self.parallel.possible_agents, self.ego)
             specs = self.parallel.agent_specs
-            self._command = specs[self.ego].command
-            if tracker is not None and self._command is None:
+            self._left = _left_by_tracker(specs[self.ego])
+            if tracker is not None and not self._left:
                 raise InvalidValueError(
-                    f"tracker leaves only driving to the ego, and {self.ego} does not drive: leave out tracker, or "
-                    'make a simulation with control="policy" or "acceleration" and a car as ego'
+                    f"tracker leaves only driving and messages to the ego, and {self.ego} does not drive: leave out "
+                    'tracker, or make a simulation with control="policy" or "acceleration" and a car as ego, or an '
+                    'environment with uplink="action"'
                 )
         except CoopsimError:
             self.parallel.close()
@@ -99,13 +101,13 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
             "expose_ground_truth"
         )
         self._groups = _groups(self.policies)
-        self._silent = {name: _silence(spec.command) for name, spec in specs.items() if name not in self.policies}
+        self._silent = {name: _silence(spec) for name, spec in specs.items() if name not in self.policies}
         self._tracked = tracker is not None
         self.metadata = type(self).metadata | {"render_fps": self.parallel.metadata["render_fps"]}
         self.render_mode = self.parallel.render_mode
         self.observation_space = _without_empty(self.parallel.observation_space(self.ego))
         whole = self.parallel.action_space(self.ego)
-        self.action_space = whole if tracker is None or self._command is None else whole[self._command]
+        self.action_space = whole if tracker is None else _part_of(whole, self._left)
         self._observations: dict[str, Packed] = {}
         self._present: tuple[str, ...] = ()
         self._infos: dict[str, dict[str, Any]] = {}
@@ -214,7 +216,12 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
             return action
         if isinstance(action, np.ndarray) and action.shape == ():  # gymnasium counts these as elements of Discrete
             action = action[()]
-        return policies_actions[self.ego] | {self._command: action}
+        if len(self._left) == 1:
+            return policies_actions[self.ego] | {self._left[0]: action}
+        if not isinstance(action, Mapping) or set(action) != set(self._left):
+            got = sorted(map(str, action)) if isinstance(action, Mapping) else repr(action)
+            raise InvalidActionError(f"{self.ego}: an action is a dict with {sorted(self._left)}, got {got}")
+        return policies_actions[self.ego] | dict(action)
 
 
 def _chosen_ego(env: CooperativeEnv, ego: object) -> str:
@@ -243,10 +250,22 @@ def _groups(policies: Mapping[str, Policy]) -> list[tuple[Policy, list[str]]]:
     return list(served.values())
 
 
-def _silence(command: str | None) -> Packed:
-    """Return the action that reports nothing and changes nothing."""
+def _left_by_tracker(spec: AgentSpec) -> tuple[str, ...]:
+    """Return the parts of an agent's action that are left to it where a policy tracks."""
+    command = () if spec.command is None else (spec.command,)
+    return command if spec.message is None else (*command, MESSAGE)
+
+
+def _part_of(space: spaces.Dict, parts: Sequence[str]) -> spaces.Space[Any]:
+    return space[parts[0]] if len(parts) == 1 else spaces.Dict({name: space[name] for name in parts})
+
+
+def _silence(spec: AgentSpec) -> Packed:
+    """Return the action that reports nothing, changes nothing and says nothing."""
     nothing: Packed = {"tracks": pack_tracks(Tracks.empty())}
-    return nothing if command is None else nothing | {command: idle(command)}
+    if spec.command is not None:
+        nothing[spec.command] = idle(spec.command)
+    return nothing if spec.message is None else nothing | {MESSAGE: None}
 
 
 def _without_empty(space: spaces.Dict) -> spaces.Dict:

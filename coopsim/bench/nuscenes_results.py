@@ -96,7 +96,7 @@ def write_results(
                 actions = act_of(runner, observations, infos)
                 if index % every == 0:
                     # Not `env.agents`: in the last frame of an episode nobody is left to act.
-                    tracks, _ = unpack_actions(list(observations), actions, {})
+                    tracks, _, _ = unpack_actions(list(observations), actions, {})
                     for agent in filter(writer.exports, observations):
                         sample = sample_token(scene_name(plan.episode_name(seed), agent), index)
                         x_to_yaw = infos[agent]["true_pose"]

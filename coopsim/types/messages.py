@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from coopsim.errors import InvalidValueError
+from coopsim.geometry.se3 import Floats
 from coopsim.types.estimates import Detections, GroundTruth
 from coopsim.types.sensing import (
     CameraCalibration,
@@ -17,6 +18,7 @@ from coopsim.types.sensing import (
     SensorView,
     Sweep,
 )
+from coopsim.types.units import Mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,6 +105,46 @@ class Observation:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class MessagePart:
+    """The part `message` of the actions of agents that decide what they say, see `uplink="action"`.
+
+    Attributes:
+        form: "scores" of detections, "cells" of a map of scores, or the "payload" of a codec.
+        size: number of scores, or of cells along each side of the map; 0 for payloads.
+        metres: length of the map's side.
+        codec: spec of the codec of payloads.
+        agents: names of all agents, in the order of `to` and `ask`; empty if an action has neither.
+        to: an action says to whom its message goes.
+        ask: an action says whose next messages the agent wants.
+    """
+
+    form: Literal["scores", "cells", "payload"]
+    size: int
+    metres: float
+    codec: str
+    agents: tuple[str, ...] = ()
+    to: bool = False
+    ask: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Said:
+    """Content of an action's `message`, checked.
+
+    Attributes:
+        score: scores (N,), or a map (N, N) of them; None: nothing is said.
+        payload: payload of a codec; None: nothing is said.
+        to: mask (A,) of the agents that the message is for; None: all.
+        ask: mask (A,) of the agents whose next messages are wanted; None: all.
+    """
+
+    score: Floats | None = None
+    payload: bytes | None = None
+    to: Mask | None = None
+    ask: Mask | None = None
+
+
 AGENT_KINDS = ("cav", "rsu", "drone")
 """Kinds of agents: connected cars, roadside units and drones."""
 
@@ -129,6 +171,7 @@ class AgentSpec:
         sense_every: sensors and detector run in every n-th frame, beginning with the first.
         calibration: kind of its detector's scores and errors, see `DetectorBase.calibration`; None: unknown, as of a
             recording.
+        message: the part of its action that says what it sends; None: its uplink decides.
     """
 
     name: str
@@ -143,6 +186,7 @@ class AgentSpec:
     lidars: Mapping[str, LidarMounting] = field(default_factory=dict, compare=False)
     sense_every: int = 1
     calibration: str | None = None
+    message: MessagePart | None = None
 
     @property
     def drives(self) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,9 +14,10 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.support.arrays import as_numbers
 from coopsim.types import Tracks
 from coopsim.types.driving import ACCELERATION, LARGEST_ACCELERATION_M_S2, LARGEST_BRAKING_M_S2, MANEUVER, Command
-from coopsim.types.messages import IDLE, MANEUVERS
+from coopsim.types.messages import IDLE, MANEUVERS, MessagePart, Said
 from coopsim.types.taxonomy import CLASS_NAMES
 from coopsim.wire.columns import COUNTER, box_space, real_space, rows_space
+from coopsim.wire.message_parts import message_space, unpack_message
 
 if TYPE_CHECKING:
     from coopsim.agents.policy import Policy
@@ -33,8 +35,12 @@ MOST_TRACKS = 10_000
 """Tracks that an agent may report in a frame; a score looks at each together with every object."""
 
 
-def action_space(command: str | None = None) -> spaces.Dict:
-    """Return a space of one agent's actions: the tracks that it reports and, if it drives, its `AgentSpec.command`."""
+MESSAGE = "message"
+"""Key of the part of an action that says what the agent sends."""
+
+
+def action_space(command: str | None = None, message: MessagePart | None = None) -> spaces.Dict:
+    """Return a space of one agent's actions: its tracks and, where it has them, `AgentSpec.command` and `message`."""
     tracks = rows_space(
         id=spaces.Discrete(COUNTER),
         box=box_space(),
@@ -45,6 +51,8 @@ def action_space(command: str | None = None) -> spaces.Dict:
     parts: dict[str, spaces.Space[Any]] = {"tracks": tracks}
     if command is not None:
         parts[command] = command_space(command)
+    if message is not None:
+        parts[MESSAGE] = message_space(message)
     return spaces.Dict(parts)
 
 
@@ -113,14 +121,18 @@ def _acceleration(agent: str, given: Any) -> float:
 
 
 def unpack_actions(
-    agents: Sequence[str], actions: object, commands: Mapping[str, str]
-) -> tuple[dict[str, Tracks], dict[str, Command]]:
-    """Return the tracks and the commands in the actions of all agents, checked and copied.
+    agents: Sequence[str],
+    actions: object,
+    commands: Mapping[str, str],
+    parts: Mapping[str, MessagePart] = MappingProxyType({}),
+) -> tuple[dict[str, Tracks], dict[str, Command], dict[str, Said]]:
+    """Return the tracks, the commands and the messages in the actions of all agents, checked and copied.
 
     Args:
         agents: names of the agents that must act.
         actions: actions by agent.
         commands: `AgentSpec.command` of the agents that drive, by name.
+        parts: `AgentSpec.message` of the agents whose action says what they send, by name.
 
     Raises:
         InvalidActionError: an agent is unknown or missing, or its action is malformed.
@@ -134,11 +146,24 @@ def unpack_actions(
         raise InvalidActionError(f"actions need exactly the agents {list(agents)}; {', '.join(wrong)}")
     tracks: dict[str, Tracks] = {}
     given: dict[str, Command] = {}
+    said: dict[str, Said] = {}
     for name in agents:
-        tracks[name], command = unpack_action(name, actions[name], commands.get(name))
+        action, part = actions[name], parts.get(name)
+        if part is not None:
+            action, said[name] = _without_message(name, action, part)
+        tracks[name], command = unpack_action(name, action, commands.get(name))
         if command is not None:
             given[name] = command
-    return tracks, given
+    return tracks, given, said
+
+
+def _without_message(agent: str, action: object, part: MessagePart) -> tuple[dict[str, Any], Said]:
+    """Return an action without its message, and what that says."""
+    if not isinstance(action, Mapping) or MESSAGE not in action:
+        got = sorted(map(str, action)) if isinstance(action, Mapping) else repr(action)
+        raise InvalidActionError(f"{agent}: an action is a dict with '{MESSAGE}', which may be None, got {got}")
+    said = unpack_message(agent, action[MESSAGE], part)
+    return {key: each for key, each in action.items() if key != MESSAGE}, said
 
 
 def _unpack_tracks(packed: object) -> Tracks:

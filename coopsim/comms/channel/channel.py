@@ -11,7 +11,7 @@ from __future__ import annotations
 import heapq
 import math
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -107,6 +107,15 @@ class _Fan:
     wired: Mask
     certain_delays_ns: tuple[int, ...] | None
 
+    def only(self, chosen: Sequence[int]) -> _Fan:
+        """Return the links to the receivers at these places (K,), which rise."""
+        if len(chosen) == len(self.names):
+            return self
+        names, links = tuple(self.names[each] for each in chosen), tuple(self.links[each] for each in chosen)
+        rows = np.array(chosen, dtype=np.int64)
+        places, receivers, wired = self.places[rows], self.receivers[rows], self.wired[rows]
+        return _Fan(self.sender, names, places, receivers, links, wired, self.certain_delays_ns)
+
 
 class Channel:
     """Channel of one episode between named agents.
@@ -136,12 +145,13 @@ class Channel:
         now_ns: int,
         positions: Mapping[str, Floats],
         around: RadioScene | None = None,
+        to: Mapping[str, Collection[str]] | None = None,
     ) -> None:
         """Broadcast the messages of one moment, except for those of senders whose clocks have not ticked.
 
         Calls must be in order of time. Capture times are replaced by the stamps of the senders' clocks, at most one
         message per agent. Positions are true ones (3,) m of all agents, in one frame; `around` is used if the channel
-        has a radio.
+        has a radio. `to` has the receivers of each sender's message, by name; None: all.
         """
         wires = {message.sender: self._stamped(message) for message in messages if self._ticks(message.sender, now_ns)}
         probabilities = self._reception_probabilities(wires, around or RadioScene(positions))
@@ -150,6 +160,8 @@ class Channel:
         for sender, wire in wires.items():
             self._broadcast_bytes[sender] += len(wire)
             fan = self._fan(sender, agents)
+            if to is not None:
+                fan = fan.only([place for place, name in enumerate(fan.names) if name in to[sender]])
             reception = self._reception(sender, fan, far[agents.index(sender)], probabilities)
             self._queue(sender, fan, self._transmit(fan, wire, reception), len(wire), now_ns)
 
