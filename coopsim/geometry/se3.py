@@ -90,6 +90,16 @@ def _turned(vectors: ArrayLike, rotation: Floats) -> Floats:
     return turned
 
 
+def rotation_about(axis: int, angle_rad: float) -> Floats:
+    """Return the rotation (3, 3) about x (0), y (1) or z (2)."""
+    rotation = np.eye(3)
+    a, b = (axis + 1) % 3, (axis + 2) % 3
+    rotation[a, a] = rotation[b, b] = np.cos(angle_rad)
+    rotation[b, a] = np.sin(angle_rad)
+    rotation[a, b] = -rotation[b, a]
+    return rotation
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SE3Batch:
     """M rigid transforms, each as one `SE3`; every method gives the same bits as the `SE3`s one by one.

@@ -94,8 +94,8 @@ class SceneGeometry:
         self._closed = np.array([_is_closed_model(model) for model in models], dtype=np.bool_)
         self._key: tuple[bytes, ...] | None = None
 
-    def triangles(self, actors: Actors) -> Triangles:
-        """Return the scene with these actors, scenery first."""
+    def triangles(self, actors: Actors, scale: Floats | None = None) -> Triangles:
+        """Return the scene with these actors, scenery first; `scale` (N, 3) stretches their models along their axes."""
         key = tuple(column.tobytes() for column in (actors.id, actors.model, actors.color, actors.accent))
         if key != self._key:
             self._arrange(actors)
@@ -104,6 +104,8 @@ class SceneGeometry:
         cos, sin = np.cos(boxes.yaw)[self._owner], np.sin(boxes.yaw)[self._owner]
         later = actors.pose(self._pose_counts) * self._counts  # rows from an actor's first pose to its present one
         local = self._poses[self._first_pose + later[self._owner]]
+        if scale is not None:
+            local = local * scale[self._owner]
         vertices = self._vertices
         moved = vertices[len(self._static.vertices) :]
         moved[:, 0] = local[:, 0] * cos - local[:, 1] * sin

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.errors import CrowdedWarning
+from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.arrays import round_points
 from coopsim.learn.clips.clip import BLOCK, AgentScene, Clip, Picture, Scene, nearest_in_blocks
 from coopsim.learn.clips.world import ClipWorld, draw_world
@@ -86,7 +87,7 @@ class ClipSensing:
     """Sensors of a world at a clip's first frame, with the random streams of environments. Close it at the end."""
 
     def __init__(self, drawn: ClipWorld, world: WorldSource) -> None:
-        self._world = world
+        self._world, self._realism = world, drawn.realism
         self._geometry = SceneGeometry(world.models, world.static)
         looks_down = replace(drawn.lidar, pitch_rad=drawn.lidar.pitch_rad + _DRONE_PITCH_RAD)
         bodies, on_ground = world.agents(), Lidar(drawn.lidar, drawn.weather)
@@ -104,7 +105,13 @@ class ClipSensing:
     def sense(self, time_ns: int) -> Scene:
         """Return the scene as it is now; called once in each frame, in order."""
         actors, bodies = self._world.actors(), self._world.agents()
-        triangles = self._geometry.triangles(actors)
+        scale = None
+        if self._realism is not None:
+            carriers = [body.actor_id for body in bodies.values() if body.actor_id is not None]
+            actors, scale = self._realism.sized(actors, np.isin(actors.id, carriers))
+        triangles = self._geometry.triangles(actors, scale)
+        if self._realism is not None:
+            triangles = self._realism.painted(triangles, actors)
         rays = RayScene(triangles)
         sweeps = [self._sweep(rays, body) for body in bodies.values()]
         pictures, pixels = self._cameras.take(triangles, actors, bodies) if self._cameras else ({}, None)
@@ -115,7 +122,7 @@ class ClipSensing:
                 for body, sweep in zip(bodies.values(), sweeps, strict=True)
             ),
             object_id=actors.id,
-            boxes=actors.boxes.array,
+            boxes=self._lifted(actors.boxes.array),
             velocity=actors.velocity,
             label=actors.label,
             returns=_returns(actors.id, list(bodies.values()), sweeps),
@@ -135,9 +142,19 @@ class ClipSensing:
         pose = body.world_SE3_base
         _, odometry = self._localizers[body.name].localize(pose)
         points: NDArray[np.float32] = np.column_stack([sweep.points, sweep.intensity])
-        return AgentScene(
-            body.name, body.kind, stack_xyz_yaw(pose), odometry.xyz_yaw, round_points(points), body.actor_id, pictures
-        )
+        at = self._lifted(stack_xyz_yaw(pose))
+        if self._realism is not None:
+            there = pose.apply(points[:, :3])[:, :2]
+            points[:, 2] += self._realism.ground.heights(there) - (at[2] - pose.translation[2])
+        return AgentScene(body.name, body.kind, at, odometry.xyz_yaw, round_points(points), body.actor_id, pictures)
+
+    def _lifted(self, rows: Floats) -> Floats:
+        """Return rows (..., K) that begin with x, y, z in the world, by as much higher as the ground is there."""
+        if self._realism is None:
+            return rows
+        lifted = rows.copy()
+        lifted[..., 2] += self._realism.ground.heights(rows[..., :2].reshape(-1, 2)).reshape(rows.shape[:-1])
+        return lifted
 
 
 def _returns(ids: Ints, bodies: list[AgentBody], sweeps: list[Sweep]) -> Ints:

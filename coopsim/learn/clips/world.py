@@ -11,6 +11,7 @@ import numpy as np
 
 from coopsim.catalog import is_scenario_file, scenario_file_options, scenario_of_file
 from coopsim.errors import InvalidValueError
+from coopsim.learn.clips.realism import Realism, cluttered, draw_realism, realistic_lidar
 from coopsim.learn.clips.world_recipe import WorldRecipe
 from coopsim.sensors.camera.camera import Camera, Rig, rig
 from coopsim.sensors.camera.intrinsics import Coefficients, Intrinsics, distort
@@ -38,6 +39,7 @@ class ClipWorld:
         weather: rain and fog; None: dry and clear.
         cameras: rig by kind of agent; empty: none.
         time_of_day: name of the light.
+        realism: ground and sizes as on real roads; None: those of the town.
     """
 
     scenario: Scenario
@@ -48,6 +50,7 @@ class ClipWorld:
     weather: Weather | None
     cameras: Mapping[str, Rig]
     time_of_day: str
+    realism: Realism | None = None
 
 
 def draw_world(recipe: WorldRecipe, seed: int, index: int) -> ClipWorld:
@@ -64,16 +67,21 @@ def draw_world(recipe: WorldRecipe, seed: int, index: int) -> ClipWorld:
     dt_s = float(recipe.dt_s[int(rng("dt_s").integers(len(recipe.dt_s)))])
     waited_s = between(recipe.start_s, rng("start"))
     pattern = one_of(recipe.lidars, rng("lidar"))
-    noise_m = between(recipe.range_noise_m, rng("range noise"))
+    lidar = LidarConfig(pattern, range_noise_m=between(recipe.range_noise_m, rng("range noise")))
+    is_real = rng("realistic").random() < recipe.realistic_share
+    scenario = _scenario(environment, place_seed, recipe, rng("population"), rng("agents"), rng("detail"))
+    if is_real:
+        scenario = replace(scenario, layout=cluttered(scenario.layout, rng("clutter")))
     return ClipWorld(
-        scenario=_scenario(environment, place_seed, recipe, rng("population"), rng("agents"), rng("detail")),
+        scenario=scenario,
         seed=int(rng("episode").integers(_LONGEST_SEED)),
         dt_s=dt_s,
         start_s=round(waited_s / _STEP_S) * _STEP_S,
-        lidar=LidarConfig(pattern, range_noise_m=noise_m),
+        lidar=realistic_lidar(lidar, rng("lidar as built")) if is_real else lidar,
         weather=_weather(recipe, rng("weather")),
         cameras=draw_cameras(recipe, rng),
         time_of_day=one_of(recipe.times_of_day, rng("time of day")),
+        realism=draw_realism(seed, index) if is_real else None,
     )
 
 

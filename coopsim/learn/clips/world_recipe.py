@@ -40,7 +40,7 @@ _RANGES = {
     "camera_above_m": (-FARTHEST_MOUNT_M, FARTHEST_MOUNT_M),
 }
 """Limits of the ends of ranges."""
-_SHARES = ("plain_share", "drone_share", "rain_share", "fog_share", "distorted_share")
+_SHARES = ("plain_share", "realistic_share", "drone_share", "rain_share", "fog_share", "distorted_share")
 _FARTHEST_PLACE = 2**62
 
 
@@ -59,6 +59,7 @@ class WorldRecipe:
         openness: openness of the view past corners, in [0, 1].
         lanes: most lanes a direction.
         plain_share: share of the clips without street furniture.
+        realistic_share: share of the clips with sweeps as on real roads: see `coopsim.learn.clips.realism`.
         frames: frames of a clip.
         dt_s: times between two frames, of which each clip takes one.
         start_s: range of the time that traffic has run when a clip begins.
@@ -94,6 +95,7 @@ class WorldRecipe:
     openness: float | None = None
     lanes: int | None = None
     plain_share: float = 0.25
+    realistic_share: float = 0.0
     frames: int = 6
     dt_s: Sequence[float] = (1.0,)
     start_s: Sequence[float] = (0.0, 20.0)

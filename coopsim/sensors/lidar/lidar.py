@@ -8,8 +8,9 @@ from typing import Literal
 import numpy as np
 
 from coopsim.errors import InvalidValueError
-from coopsim.geometry.se3 import SE3, Floats
+from coopsim.geometry.se3 import SE3, Floats, rotation_about
 from coopsim.sensors import FARTHEST_M, FARTHEST_MOUNT_M, MOST_RAYS
+from coopsim.sensors.lidar.imperfections import Imperfections
 from coopsim.sensors.lidar.patterns import BeamPattern, find_pattern
 from coopsim.sensors.lidar.ray_grid import GridHits, RayGrid, Revolution
 from coopsim.sensors.lidar.returns import Echoes, Optics, footprint_patterns, merge_echoes, receive, reflect
@@ -67,6 +68,7 @@ class LidarConfig:
             where the moving agent would have them at the end of the revolution.
         backend: "grid" draws all rays at once (see `coopsim.sensors.lidar.ray_grid`); "embree" casts them one by
             one, as a reference.
+        imperfections: errors of mount, optics and timing, as on the road; None: none.
     """
 
     pattern: str | BeamPattern = "HDL-32E"
@@ -86,6 +88,7 @@ class LidarConfig:
     pulse_m: float = 0.75
     turn_s: float = 0.0
     backend: Literal["grid", "embree"] = "grid"
+    imperfections: Imperfections | None = None
 
     def __post_init__(self) -> None:
         require_count(1, MOST_COLUMNS, columns=self.columns)
@@ -104,6 +107,10 @@ class LidarConfig:
         require_choice("backend", self.backend, BACKENDS)
         if self.turn_s > 0 and self.backend == "embree":
             raise InvalidValueError("turn_s must be 0 with the backend embree, which casts all rays at one time")
+        if self.imperfections is not None and not isinstance(self.imperfections, Imperfections):
+            raise InvalidValueError(f"imperfections must be Imperfections or None, got {self.imperfections!r}")
+        if self.imperfections is not None and self.imperfections.edge_rad > 0 and self.divergence_rad > 0:
+            raise InvalidValueError("divergence_rad must be 0 with imperfections that have an edge_rad > 0: give one")
         if self.max_range_m <= self.min_range_m:
             raise InvalidValueError(f"max_range_m must be > min_range_m = {self.min_range_m}, got {self.max_range_m!r}")
         if not isinstance(self.pattern, (str, BeamPattern)):
@@ -119,7 +126,9 @@ class LidarConfig:
 
     def base_SE3_sensor(self, body_height_m: float) -> SE3:
         """Return the sensor's pose on an agent whose body is `body_height_m` high."""
-        rotation = _rotation(2, self.yaw_rad) @ _rotation(1, self.pitch_rad) @ _rotation(0, self.roll_rad)
+        rotation = (
+            rotation_about(2, self.yaw_rad) @ rotation_about(1, self.pitch_rad) @ rotation_about(0, self.roll_rad)
+        )
         return SE3(rotation, self.mount_m(body_height_m))
 
     def mount_m(self, body_height_m: float) -> Floats:
@@ -139,7 +148,8 @@ class Lidar:
         one_echo = not self._weather.has_clutter and config.divergence_rad == 0
         reach_m = config.max_range_m + _SLACK_M if one_echo else np.inf
         self._grids = [RayGrid(rays.elevation_rad, rays.offset_rad, config.columns, reach_m) for rays in self._patterns]
-        self._directions = beams.directions(config.columns).astype(np.float32).reshape(*self._shape, 3)
+        told = beams if config.imperfections is None else config.imperfections.told_beams(beams)
+        self._directions = told.directions(config.columns).astype(np.float32).reshape(*self._shape, 3)
         self._clutter: WeatherClutter | None = None
         if self._weather.has_clutter:
             self._clutter = WeatherClutter(
@@ -169,24 +179,29 @@ class Lidar:
         The agent's true poses are those at the end of the revolution and, if it moves, at its `start`, `turn_s` ago.
         Rays that end on the actor `own_id` give no return. Every sweep takes the same number of draws from `rng`.
         """
-        base_SE3_sensor = self.config.base_SE3_sensor(body_height_m)
-        revolution = Revolution(
-            start or world_SE3_base, world_SE3_base, base_SE3_sensor, self.config.turn_s, self.config.columns
-        )
-        range_m, bounced, face = self._echoes(scene, revolution)
+        told, flaws = self.config.base_SE3_sensor(body_height_m), self.config.imperfections
+        true = told if flaws is None else told.compose(flaws.told_SE3_true)
+        revolution = Revolution(start or world_SE3_base, world_SE3_base, true, self.config.turn_s, self.config.columns)
+        echoes = self._echoes(scene, revolution)
         # For all rays, hit or not: what one ray hits must not shift the noise of the next.
-        draws = rng.standard_normal(face.size, np.float32), rng.standard_exponential(face.size, np.float32)
+        rays = echoes[0].size
+        draws = rng.standard_normal(rays, np.float32), rng.standard_exponential(rays, np.float32)
         none = np.zeros(0, np.float32)
-        clutter = (none, none) if self._clutter is None else self._clutter.draw(face.size, rng)
+        clutter = (none, none) if self._clutter is None else self._clutter.draw(rays, rng)
+        if flaws is not None:
+            echoes = flaws.worsen(echoes, scene.triangles, self.config.columns, self.config.pulse_m, rng)
         points, intensity, beam, instance = receive(
             self._optics,
-            Echoes(range_m, bounced, face, *clutter),
+            Echoes(*echoes, *clutter),
             scene.triangles.instance,
             _NOBODY if own_id is None else own_id,
             draws,
             self._directions,
-            revolution.sensor_poses(world_SE3_base),
+            revolution.sensor_poses(world_SE3_base, told),
         )
+        if flaws is not None:
+            intensity = flaws.report(intensity)
+            flaws.drag(points, beam, instance, scene.triangles, world_SE3_base, told.translation, own_id)
         return Sweep(points, intensity, beam, instance)
 
     def _echoes(self, scene: RayScene, revolution: Revolution) -> tuple[Singles, Singles, Ints]:
@@ -198,6 +213,8 @@ class Lidar:
             else:
                 hits = self._cast_by_embree(scene, revolution.world_SE3_sensor[0], pattern)
             face, cosine = hits.face.reshape(-1), hits.cosine.reshape(-1)
+            if self.config.imperfections is not None:
+                cosine = self.config.imperfections.fall_off(cosine)
             bounced = reflect(face, cosine, scene.triangles.reflectivity, self._weather.wetness)
             echoes.append((hits.range_m.reshape(-1), bounced, face))
         if len(echoes) == 1:
@@ -210,16 +227,6 @@ class Lidar:
         hits, shape = scene.cast(world_SE3_sensor.translation, toward), self._shape
         cosine = np.abs(np.einsum("ij,ij->i", scene.normals[hits.face], toward)).astype(np.float32)
         return GridHits(hits.range_m.reshape(shape), hits.face.reshape(shape), cosine.reshape(shape))
-
-
-def _rotation(axis: int, angle_rad: float) -> Floats:
-    """Return the rotation (3, 3) about x (0), y (1) or z (2)."""
-    rotation = np.eye(3)
-    a, b = (axis + 1) % 3, (axis + 2) % 3
-    rotation[a, a] = rotation[b, b] = np.cos(angle_rad)
-    rotation[b, a] = np.sin(angle_rad)
-    rotation[a, b] = -rotation[b, a]
-    return rotation
 
 
 _ALL_AROUND = RayGrid(np.radians([-75.0, -40.0, -10.0, 10.0, 40.0, 75.0]), np.zeros(6), 16)

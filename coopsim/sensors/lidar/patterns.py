@@ -127,6 +127,26 @@ _register("VLP-16", np.linspace(15.0, -15.0, 16))
 # these are at most 0.01 degrees off, as from 32db.yaml of the ROS driver.
 _register("HDL-32E", np.linspace(10.67, -30.67, 32))
 
+# Velodyne VLP-32C user manual (63-9325), table of elevation angles and azimuth offsets, as in VeloView-VLP-32C.yaml of
+# the ROS driver. Beams are 1/3 degree apart around the horizon.
+_VLP_32C_ELEVATION_DEG = _numbers("""
+    -25 -1 -1.667 -15.639 -11.31 0 -0.667 -8.843 -7.254 0.333 -0.333 -6.148 -5.333 1.333 0.667 -4 -4.667 1.667 1 -3.667
+    -3.333 3.333 2.333 -2.667 -3 7 4.667 -2.333 -2 15 10.333 -1.333
+""")
+_VLP_32C_CLOCKWISE_DEG = _numbers("""
+    1.4 -4.2 1.4 -1.4 1.4 -1.4 4.2 -1.4 1.4 -4.2 1.4 -1.4 4.2 -1.4 4.2 -1.4 1.4 -4.2 1.4 -4.2 4.2 -1.4 1.4 -1.4 1.4
+    -1.4 1.4 -4.2 4.2 -1.4 1.4 -1.4
+""")
+_register("VLP-32C", _VLP_32C_ELEVATION_DEG, _VLP_32C_CLOCKWISE_DEG)
+
+# Two of them, one over the other, as in Argoverse 2 (Wilson et al., NeurIPS Datasets 2021): 64 beams over 40 degrees:
+# the lower one hangs upside down. A unit that is turned over by its x axis has both angles of each beam reversed.
+_register(
+    "2x VLP-32C",
+    np.concatenate([_VLP_32C_ELEVATION_DEG, -_VLP_32C_ELEVATION_DEG]),
+    np.concatenate([_VLP_32C_CLOCKWISE_DEG, -_VLP_32C_CLOCKWISE_DEG]),
+)
+
 # One unit's calibration each.
 _register("HDL-64E", HDL_64E_ELEVATION_DEG, -HDL_64E_LEFT_DEG)
 _register("OS1-128", OS1_128_ELEVATION_DEG, OS1_128_CLOCKWISE_DEG)

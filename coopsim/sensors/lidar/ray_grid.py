@@ -159,7 +159,7 @@ class Revolution:
         blocks = -(-columns // LANES)
         sectors = min(SECTORS, blocks) if duration_s > 0 else 1
         self._ends: list[int] = np.linspace(0, blocks, sectors + 1).astype(int).tolist()
-        self._columns = columns
+        self._columns, self._mount = columns, base_SE3_sensor
         middles = [min((first + last) / 2 * LANES / columns, 1.0) for first, last in pairwise(self._ends)]
         at = [interpolate(start, end, middle) for middle in middles] if duration_s > 0 else [end]
         self._ages_s = [(1.0 - middle) * duration_s for middle in middles]
@@ -173,9 +173,14 @@ class Revolution:
             grid.cast_sector(earlier(triangles, age_s) if age_s > 0 else triangles, pose, blocks, hits)
         return hits
 
-    def sensor_poses(self, world_SE3_base: SE3) -> tuple[Floats, Floats, Ints]:
-        """Return rotations (S, 3, 3), translations (S, 3) of the sensor in a base frame, and columns' sectors (C,)."""
+    def sensor_poses(self, world_SE3_base: SE3, told: SE3 | None = None) -> tuple[Floats, Floats, Ints]:
+        """Return rotations (S, 3, 3), translations (S, 3) of the sensor in a base frame, and columns' sectors (C,).
+
+        They are as if the sensor were mounted at `told`, if this is given, in place of `base_SE3_sensor`.
+        """
         sector = np.searchsorted(self._ends, np.arange(self._columns) // LANES, side="right") - 1
         base_SE3_world = world_SE3_base.inverse()
+        if told is not None and told is not self._mount:
+            base_SE3_world = told.compose(self._mount.inverse()).compose(base_SE3_world)
         poses = [base_SE3_world.compose(pose) for pose in self.world_SE3_sensor]
         return np.array([pose.rotation for pose in poses]), np.array([pose.translation for pose in poses]), sector
