@@ -89,7 +89,7 @@ def test_edge_points_lie_between_the_two_surfaces_and_on_the_edge() -> None:
         return sweep.points[ahead][(x > 9.95) & (x < 10.35)]
 
     assert len(between(crisp)) == 0 and len(between(soft)) >= 10
-    assert (np.abs(np.abs(between(soft)[:, 1]) - 2.0) < 0.05).all()
+    assert (np.abs(np.abs(between(soft)[:, 1]) - 2.0) < 0.12).all()
 
 
 def test_surfaces_far_behind_each_other_do_not_mix() -> None:
