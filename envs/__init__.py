@@ -14,6 +14,7 @@ import pettingzoo
 from coopsim.catalog import ENVIRONMENTS, NAMESPACE, register_with_gymnasium
 from coopsim.data.recordings.find_format import AUTO, FORMATS, TEXT, find_format, open_folder
 from coopsim.envs.frames import FrameSource
+from coopsim.envs.message_gain import MessageGain
 from coopsim.envs.options import CommonOptions, require_truth_exposed, sort_options
 from coopsim.envs.parallel import CooperativeEnv
 from coopsim.envs.replay import Replay, TextOptions
@@ -40,6 +41,7 @@ __all__ = [
     "CooperativeEnv",
     "DriveReward",
     "DriveStep",
+    "MessageGain",
     "MotaReward",
     "Reward",
     "SafeProgress",

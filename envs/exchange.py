@@ -35,6 +35,7 @@ class Exchange:
         self._buildings = buildings if options.channel_config.radio is not None else None
         self._by_action = {name: each for name, each in self._uplinks.items() if isinstance(each, SaidByAction)}
         self._asked: dict[str, frozenset[str]] = {}
+        self._counted: dict[str, int] = {}
 
     def step(self, frame: Frame) -> dict[str, Observation]:
         """Send every agent's message, deliver all due messages, and return the frame's observations with inboxes.
@@ -74,6 +75,11 @@ class Exchange:
         self._asked = {
             name: frozenset(compress(self._uplinks, each.ask)) for name, each in said.items() if each.ask is not None
         }
+
+    def sent_bytes(self) -> dict[str, int]:
+        """Return the bytes that each agent has broadcast since the last call."""
+        before, self._counted = self._counted, {name: self.channel.broadcast_bytes(name) for name in self._uplinks}
+        return {name: size - before.get(name, 0) for name, size in self._counted.items()}
 
     def _addressed(self, sender: str, said: Said) -> frozenset[str]:
         """Return the agents that a message is for: chosen by its sender, and having asked if one must."""

@@ -26,7 +26,8 @@ from coopsim.envs.exchange import Exchange, make_uplinks, message_parts
 from coopsim.envs.frames import Frame, FrameProbe, FrameSource, actor_rows, truth_infos
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.rewards import RewardOption
-from coopsim.envs.scoring import DriveRecorder, Rewards, ScoredView, Scorer
+from coopsim.envs.scorer import Scorer
+from coopsim.envs.scoring import DriveRecorder, Rewards, ScoredView
 from coopsim.errors import EpisodeStateError, InvalidValueError, RecordingError, UnknownNameError
 from coopsim.metrics.drive_log import DriveLog
 from coopsim.metrics.score import Score, summarize
@@ -83,7 +84,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             for agent in agents:
                 require_choice(f"agent in {option}", agent, source.specs)
         dt_s = next(iter(source.specs.values())).dt_s
-        self._rewards = Rewards(reward, dt_s, drives=len(source.driven) > 0)
+        self._rewards = Rewards(reward, dt_s, drives=len(source.driven) > 0, specs=self.agent_specs)
         self.possible_agents = list(source.specs)
         self.agents: list[str] = []
         self.render_mode = options.render_mode
@@ -103,6 +104,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._exchange: Exchange
         self._scorer: Scorer
         self._observations: dict[str, Packed] = {}
+        self._gained: dict[str, float] = {}  # rewards of messages, of the step to this frame
         self._view = ScoredView()
 
     @property
@@ -187,6 +189,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         )
         self._drives = DriveRecorder(self._frame, self._source.conflicts)
         self.agents = list(self._frame.agents)
+        self._rewards.begin(self.agent_specs, self._options.match_iou, self._source.region_m, seed)
         self._view.begin(self.road_map, self._frame)
         observations = self._observe(self._frame)
         truth = self._truths(self._frame)
@@ -222,6 +225,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         reported = self.agents
         self.agents = [] if frame.last else list(frame.agents)
         rewards = {name: self._rewards.of(counts[name], over.agents[name], frame.agents.get(name)) for name in reported}
+        rewards |= {name: value for name, value in self._gained.items() if name in rewards}
         truth = self._truths(frame)
         infos = {name: {"counts": counts[name].as_dict(), **truth.get(name, {})} for name in reported}
         self._show_if_human()
@@ -376,7 +380,10 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     def _observe(self, frame: Frame) -> dict[str, Packed]:
         """Exchange messages, and return every agent's packed observation."""
         # Kept until the next frame: memory freed at the end of the heap would be returned, and fetched page by page.
-        self._observations = self._source.format.pack_all(self._exchange.step(frame))
+        received = self._exchange.step(frame)
+        self._observations = self._source.format.pack_all(received)
+        if self._rewards.gains is not None:
+            self._gained = self._rewards.gains.step(frame, received, self._exchange.sent_bytes())
         return dict(self._observations)
 
     def _truths(self, frame: Frame) -> dict[str, dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""Rewards by name: of the tracks that an agent reports, or of how its car drives."""
+"""Rewards by name: of the tracks that an agent reports, of how its car drives, or of what others gain by hearing it."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from coopsim.catalog import REWARDS
 from coopsim.config.spec import instantiate, parse_spec
+from coopsim.envs.message_gain import MessageGain
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.evaluator import FrameCounts
@@ -68,7 +69,7 @@ class DriveReward(ABC):
         """Return the reward for this step."""
 
 
-AnyReward = Reward | DriveReward
+AnyReward = Reward | DriveReward | MessageGain
 
 RewardOption = str | AnyReward | None
 """Reward by name, also with parameters, such as "safe_progress(crash=10)", an object, or None: "mota"."""
@@ -144,5 +145,7 @@ def make_reward(reward: RewardOption) -> AnyReward:
     if not isinstance(made, AnyReward):
         is_class = isinstance(made, type) and issubclass(made, AnyReward)
         hint = f": write {made.__name__}()" if isinstance(made, type) and is_class else ""
-        raise InvalidValueError(f"reward must be a coopsim Reward or DriveReward, a name or None, got {made!r}{hint}")
+        raise InvalidValueError(
+            f"reward must be a coopsim Reward, DriveReward or MessageGain, a name or None, got {made!r}{hint}"
+        )
     return made

@@ -1,4 +1,4 @@
-"""Scores of reported tracks, rewards, logs of drives, and the picture of the frame that was scored last."""
+"""Rewards, logs of drives, and the picture of the frame that was scored last."""
 
 from __future__ import annotations
 
@@ -9,41 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.envs.frames import AgentFrame, Frame, world_points
+from coopsim.envs.message_gain import MessageGain, MessageGains
 from coopsim.envs.rewards import DriveReward, DriveStep, Reward, RewardOption, make_reward
 from coopsim.errors import InvalidValueError
 from coopsim.metrics.drive_log import DriveFrame, DriveLog
-from coopsim.metrics.evaluator import Evaluator, FrameCounts
-from coopsim.types import Mask, Tracks, stack_xyz_yaw
+from coopsim.metrics.evaluator import FrameCounts
+from coopsim.types import AgentSpec, Tracks, stack_xyz_yaw
 from coopsim.viz.bev import BevFrame, BevRenderer
 from coopsim.world.snapshot import RoadMap
-
-
-class Scorer:
-    """Evaluators of an episode, by agent; the region is half the length and width (m) that counts, None: unlimited."""
-
-    def __init__(
-        self,
-        agents: tuple[str, ...],
-        match_iou: float,
-        region_m: tuple[float, float] | None,
-    ) -> None:
-        self._match_iou, self._region_m = match_iou, region_m
-        self.evaluators = {name: Evaluator(match_iou) for name in agents}
-
-    def update(self, frame: Mapping[str, AgentFrame], tracks: Mapping[str, Tracks]) -> dict[str, FrameCounts]:
-        """Score the tracks that agents report for one frame; each in the agent's base frame."""
-        return {
-            name: self.evaluators[name].update(agent.truth, tracks[name], self._in_region(tracks[name]))
-            for name, agent in frame.items()
-        }
-
-    def _in_region(self, tracks: Tracks) -> Mask | None:
-        """Return the mask (M,) of tracks inside the region; None: there is no limit."""
-        if self._region_m is None:
-            return None
-        x, y = np.abs(tracks.boxes.center[:, :2]).T
-        inside: Mask = (x <= self._region_m[0]) & (y <= self._region_m[1])
-        return inside
 
 
 class Rewards:
@@ -53,20 +26,38 @@ class Rewards:
         reward: the option `reward`.
         dt_s: duration of a step.
         drives: there are agents whose cars planners or accelerations drive.
+        specs: specs of the agents.
+
+    Attributes:
+        gains: gains of the running episode's messages; None: the reward is of something else.
 
     Raises:
         UnknownNameError, InvalidValueError: the reward is not accepted, or is of drives and there are none.
+        PolicyMismatchError: the reward is of messages, and its receiver cannot read those that are sent.
     """
 
-    def __init__(self, reward: RewardOption, dt_s: float, *, drives: bool) -> None:
+    def __init__(self, reward: RewardOption, dt_s: float, *, drives: bool, specs: Mapping[str, AgentSpec]) -> None:
         self._reward, self._dt_s = make_reward(reward), dt_s
-        if isinstance(self._reward, DriveReward) and not drives:
+        self.gains: MessageGains | None = None
+        if isinstance(self._reward, MessageGain):
+            self._reward.make_receiver().require(specs)
+        drives_needed = isinstance(self._reward, MessageGain) and self._reward.metric == "braking"
+        if (isinstance(self._reward, DriveReward) or drives_needed) and not drives:
             raise InvalidValueError(
                 f'reward {reward!r} is of driven cars: it needs a simulation with control="acceleration" or "planner"'
             )
 
+    def begin(
+        self, specs: Mapping[str, AgentSpec], match_iou: float, region_m: tuple[float, float] | None, seed: int
+    ) -> None:
+        """Begin an episode."""
+        if isinstance(self._reward, MessageGain):
+            self.gains = MessageGains(self._reward, specs, match_iou, region_m, seed)
+
     def of(self, counts: FrameCounts, before: AgentFrame, after: AgentFrame | None) -> float:
         """Return the reward of an agent's step between two frames; in the second it may be gone."""
+        if isinstance(self._reward, MessageGain):
+            return 0.0  # an agent that is gone; `gains` tells the others'
         if isinstance(self._reward, Reward):
             return self._reward(counts)
         if before.car is None or after is None or after.car is None:

@@ -100,7 +100,7 @@ def test_rewards_have_names() -> None:
         ("safe_progress(crush=1)", UnknownNameError, "unknown parameter 'crush' of reward 'safe_progress'"),
         ("safe_progress(crash=-1)", InvalidValueError, "crash must be a finite number >= 0, got -1"),
         (SafeProgress, InvalidValueError, r"a name or None, got .*: write SafeProgress\(\)"),
-        (len, InvalidValueError, "reward must be a coopsim Reward or DriveReward, a name or None, got"),
+        (len, InvalidValueError, "reward must be a coopsim Reward, DriveReward or MessageGain, a name or None, got"),
         (Reward, InvalidValueError, "reward must be"),
     ],
 )
