@@ -34,6 +34,8 @@ from coopsim.catalog import register_environments
 if TYPE_CHECKING:
     from coopsim.agents.policy import Needs as Needs
     from coopsim.agents.policy import Policy as Policy
+    from coopsim.attacks.attack import Attack as Attack
+    from coopsim.attacks.attack import AttackerView as AttackerView
     from coopsim.bench.benchmark import benchmark as benchmark
     from coopsim.bench.evaluate import Evaluation as Evaluation
     from coopsim.bench.evaluate import evaluate as evaluate
@@ -57,6 +59,8 @@ __version__ = "0.1.0"
 register_environments()
 
 _HOMES = {
+    "Attack": "coopsim.attacks.attack",
+    "AttackerView": "coopsim.attacks.attack",
     "Needs": "coopsim.agents.policy",
     "Policy": "coopsim.agents.policy",
     "benchmark": "coopsim.bench.benchmark",

@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import compress
 from operator import attrgetter
 
+from coopsim.attacks.lying_agents import LyingAgents
 from coopsim.comms.channel.channel import Channel
 from coopsim.comms.codecs.codec import CODECS
 from coopsim.comms.decode_once import DecodeOnce
@@ -21,17 +22,25 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.types import AgentSpec, Message, Observation
+from coopsim.types.lies import Lie
 from coopsim.types.messages import MessagePart, Said
 
 
 class Exchange:
-    """Messages of an episode; `buildings` are outlines (K, 2) m between antennas."""
+    """Messages of an episode; `buildings` are outlines (K, 2) m between antennas.
+
+    Attributes:
+        channel: the channel.
+        lies: the lies of the latest frame.
+    """
 
     def __init__(
         self, options: CommonOptions, specs: Mapping[str, AgentSpec], buildings: Sequence[Floats], seed: int
     ) -> None:
         self.channel = Channel(options.channel_config, seed)
-        self._uplinks = make_uplinks(options, specs, seed)
+        self.lies: tuple[Lie, ...] = ()
+        self._liars = LyingAgents(options.attacks, specs, seed, network_of(options))
+        self._uplinks = make_uplinks(options, specs, seed, self._liars)
         self._buildings = buildings if options.channel_config.radio is not None else None
         self._by_action = {name: each for name, each in self._uplinks.items() if isinstance(each, SaidByAction)}
         self._asked: dict[str, frozenset[str]] = {}
@@ -42,8 +51,11 @@ class Exchange:
 
         Messages that actions say were sent by `tell`, after the frame before.
         """
+        self._liars.begin_frame({name: agent.observation for name, agent in frame.agents.items()})
         if not self._by_action:
-            self._send(self._messages(frame), frame)
+            messages, further = self._messages(frame)
+            self._send(messages, frame, further=further)
+        self.lies = self._liars.lies({name: agent.body.world_SE3_base for name, agent in frame.agents.items()})
         arrived = self.channel.deliver(frame.time_ns)
         received = {
             name: agent.observation.with_inbox(_by_capture(arrived.get(name, [])))
@@ -51,6 +63,7 @@ class Exchange:
         }
         for name, observation in received.items():
             self._uplinks[name].hear(name, observation)
+        self._liars.hear(received)
         return received
 
     def compose(self, frame: Frame, said: Mapping[str, Said]) -> dict[str, Message]:
@@ -88,29 +101,48 @@ class Exchange:
             others = [name for name in others if sender in self._asked.get(name, ())]
         return frozenset(others) - {sender}
 
-    def _send(self, messages: list[Message], frame: Frame, to: Mapping[str, frozenset[str]] | None = None) -> None:
+    def _send(
+        self,
+        messages: list[Message],
+        frame: Frame,
+        to: Mapping[str, frozenset[str]] | None = None,
+        further: Mapping[str, Sequence[Message]] | None = None,
+    ) -> None:
         bodies = {name: agent.body for name, agent in frame.agents.items()}
         positions = {name: body.world_SE3_base.translation for name, body in bodies.items()}
         around = None
         if self._buildings is not None:
             around = RadioScene.of(bodies, frame.actors, self._buildings)
-        self.channel.send(messages, frame.time_ns, positions, around, to)
+        self.channel.send(messages, frame.time_ns, positions, around, to, further)
 
-    def _messages(self, frame: Frame) -> list[Message]:
-        """Ask each uplink once for the messages of all agents that it serves; in the order of the agents."""
+    def _messages(self, frame: Frame) -> tuple[list[Message], dict[str, Sequence[Message]]]:
+        """Ask each uplink once for the messages of all agents that it serves; in the order of the agents.
+
+        Also returned are the further messages that liars send, by agent.
+        """
         served: dict[Uplink, dict[str, Observation]] = {uplink: {} for uplink in self._uplinks.values()}
         for name, agent in frame.agents.items():
             if agent.observation.sensed:
-                served[self._uplinks[name]][name] = agent.observation
+                uplink = self._uplinks[name]
+                served[uplink][name] = self._liars.observed(name, agent.observation, uplink.content)
         sent: dict[str, Message] = {}
         for uplink, observed in served.items():
             for name, message in uplink.messages(observed).items():
                 sent[name] = _checked(uplink, name, message)
-        return [sent[name] for name in frame.agents if name in sent]
+        chosen = {name: self._liars.send(name, sent.get(name)) for name in frame.agents}
+        messages = [message for message, _ in chosen.values() if message is not None]
+        return messages, {name: further for name, (_, further) in chosen.items() if further}
 
 
-def make_uplinks(options: CommonOptions, specs: Mapping[str, AgentSpec], seed: int) -> dict[str, Uplink]:
-    """Make the uplinks of an episode, by agent; several agents may share one object.
+def network_of(options: CommonOptions) -> object:
+    """Return the policy that makes the messages, whose weights an attacker may know; None: no policy does."""
+    return options.uplink if hasattr(options.uplink, "make_uplink") else None
+
+
+def make_uplinks(
+    options: CommonOptions, specs: Mapping[str, AgentSpec], seed: int, liars: LyingAgents | None = None
+) -> dict[str, Uplink]:
+    """Make the uplinks of an episode, by agent; several agents may share one object. Those of `liars` are theirs.
 
     Raises:
         UnknownNameError: there is no such uplink, or no such codec for it.
@@ -118,23 +150,26 @@ def make_uplinks(options: CommonOptions, specs: Mapping[str, AgentSpec], seed: i
     """
     make, decoded = uplink_factory(options.uplink, options.codec), DecodeOnce()
     select = SELECTIONS.get(options.selection)
+    liars = liars or LyingAgents(options.attacks, specs, seed)
 
     def make_selection(agent: str) -> Selection:
         return select(stream(seed, "selection", agent))
 
-    within: dict[Uplink, Uplink] = {}
     uplinks: dict[str, Uplink] = {}
     for name, spec in specs.items():
         spec = replace(spec, uplink="none", codec=options.codec)
-        uplink = make(spec, stream(seed, "uplink", name))
+        uplink = uplinks[name] = make(spec, stream(seed, "uplink", name))
         _require_uplink(uplink, options.codec)
         if isinstance(uplink, SaidByAction):
             uplink.budget_bytes = options.budget_bytes
-        elif options.budget_bytes is not None and uplink not in within:
-            within[uplink] = WithinBudget(uplink, options.budget_bytes, make_selection, decoded)
-        uplinks[name] = within.get(uplink, uplink)
         uplink.begin(spec, stream(seed, "uplink state", name))
-    return uplinks
+    sending: dict[Uplink, Uplink] = {}
+    for uplink in uplinks.values():
+        if uplink not in sending:
+            lying = liars.uplink(uplink, [name for name, each in uplinks.items() if each is uplink])
+            within = None if isinstance(uplink, SaidByAction) else options.budget_bytes
+            sending[uplink] = lying if within is None else WithinBudget(lying, within, make_selection, decoded)
+    return {name: sending[uplink] for name, uplink in uplinks.items()}
 
 
 def message_parts(uplinks: Mapping[str, Uplink]) -> dict[str, MessagePart]:

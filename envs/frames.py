@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -15,6 +15,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.sensors.visibility import PixelVisibility, Visibility
 from coopsim.types import AgentSpec, CameraImage, GroundTruth, Ints, Observation, Tracks, stack_xyz_yaw
 from coopsim.types.driving import CarState, Command
+from coopsim.types.lies import Lie
 from coopsim.types.sensing import TRUTH_MODES
 from coopsim.wire.observation_format import ObservationFormat, pack_image
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
@@ -172,8 +173,18 @@ def world_points(frame: Frame, agent: str | None = None) -> Floats:
     return np.concatenate(parts) if parts else np.zeros((0, 3))
 
 
-TRUTH_INFOS = ("ground_truth", "true_pose", "actor_id", "instances", "segmentation", "visibility", "pixel_visibility")
-"""Keys of the truth in infos, see `truth_infos`."""
+TRUTH_INFOS = (
+    "ground_truth",
+    "true_pose",
+    "actor_id",
+    "instances",
+    "segmentation",
+    "visibility",
+    "pixel_visibility",
+    "attackers",
+    "lies",
+)
+"""Keys of the truth in infos, see `truth_infos` and `with_lies`."""
 
 
 def truth_infos(frame: Frame, *, visibility: bool) -> dict[str, dict[str, Any]]:
@@ -209,6 +220,19 @@ def truth_infos(frame: Frame, *, visibility: bool) -> dict[str, dict[str, Any]]:
         for name, shown in frame.probe.pixel_visibility().items():
             infos[name]["pixel_visibility"] = _columns(shown)
     return infos
+
+
+def with_lies(infos: dict[str, dict[str, Any]], lies: Sequence[Lie]) -> dict[str, dict[str, Any]]:
+    """Return the infos with what the messages of the frame lie about.
+
+    | key of `infos[agent]` | meaning |
+    |---|---|
+    | `attackers` | names of all senders whose messages of this frame lie, sorted; empty: all are honest |
+    | `lies` | a tuple of `coopsim.types.lies.Lie`, those of all agents; absent where there are none |
+    """
+    attackers = tuple(sorted({sender for lie in lies for sender in lie.senders}))
+    told: dict[str, Any] = {"attackers": attackers} | ({"lies": tuple(lies)} if lies else {})
+    return {name: {**info, **told} for name, info in infos.items()}
 
 
 def _truth_info(agent: AgentFrame) -> dict[str, Any]:

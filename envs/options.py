@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from coopsim.attacks.attack_option import AttacksOption, attacks_by_agent
 from coopsim.comms.channel.channel_config import ChannelConfig, channel_config
 from coopsim.comms.channel.latency import MOST_S, GaussianLatency
 from coopsim.comms.channel.loss import BernoulliLoss
@@ -60,6 +61,8 @@ class CommonOptions:
             leave out the least useful part.
         selection: order in which detections are sent where not all fit: "need", "score" or "random", see
             `coopsim.comms.uplinks.budget`.
+        attacks: lies of agents: a mapping of agents to attacks, one or more each, as `{"cav_1": "ghost(ahead_m=9)"}`,
+            or the text of that, as "cav_1=ghost(ahead_m=9) + rsu_0=remove". None: all are honest.
         match_iou: 3D IoU from which a track is on an object, in (0, 1].
         false_positives: "count", or "ignore" for comparison with tables that ignored them.
         expose_ground_truth: put the truth into `infos`, for training and export.
@@ -78,6 +81,7 @@ class CommonOptions:
     channel: ChannelConfig | Mapping[str, Any] | str | Path | None = None
     budget_bytes: int | None = None
     selection: str = "need"
+    attacks: AttacksOption = None
     match_iou: float = 0.25
     false_positives: Literal["count", "ignore"] = "count"
     expose_ground_truth: bool = False
@@ -98,6 +102,7 @@ class CommonOptions:
         require_choice("selection", self.selection, SELECTIONS.names())
         if self.budget_bytes is not None:
             require_count(1, budget_bytes=self.budget_bytes)
+        attacks_by_agent(self.attacks)  # its own checks run now
         if self.channel is not None:
             refuse_overridden(self, _CHANNEL_OPTIONS, "channel")
             object.__setattr__(self, "channel", channel_config(self.channel))

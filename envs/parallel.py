@@ -23,7 +23,7 @@ from pettingzoo import ParallelEnv
 
 from coopsim.comms.channel.channel import ChannelCounts
 from coopsim.envs.exchange import Exchange, make_uplinks, message_parts
-from coopsim.envs.frames import Frame, FrameProbe, FrameSource, actor_rows, truth_infos
+from coopsim.envs.frames import Frame, FrameProbe, FrameSource, actor_rows, truth_infos, with_lies
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.rewards import RewardOption
 from coopsim.envs.scorer import Scorer
@@ -36,6 +36,7 @@ from coopsim.support.checks import require_choice
 from coopsim.support.rng import fresh_seed, require_seed
 from coopsim.types import NS_PER_S, AgentSpec, CameraImage, Tracks
 from coopsim.types.driving import CarState
+from coopsim.types.lies import Lie
 from coopsim.viz.bev import BevFrame
 from coopsim.wire.actions import action_space, idle, unpack_actions
 from coopsim.world.snapshot import RoadMap
@@ -321,6 +322,12 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._current()
         return self._exchange.channel.link_counts
 
+    @property
+    def lies(self) -> tuple[Lie, ...]:
+        """The lies in the messages of the current frame, by the option `attacks`: for metrics, not for policies."""
+        self._current()
+        return self._exchange.lies
+
     def bytes_per_s(self, agent: str) -> float:
         """Return the bytes that an agent has broadcast per second of simulated time, envelopes included."""
         time_ns = self._current().time_ns
@@ -390,7 +397,8 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         """Return the truth around each agent, where the environment was made to expose it."""
         if not self._options.expose_ground_truth:
             return {}
-        return truth_infos(frame, visibility=self._options.expose_visibility)
+        infos = truth_infos(frame, visibility=self._options.expose_visibility)
+        return with_lies(infos, self._exchange.lies)
 
     def _show_if_human(self) -> None:
         if self.render_mode == "human":

@@ -18,6 +18,7 @@ def _add_list(parser: argparse.ArgumentParser) -> None:
 
 
 def _run_list(options: argparse.Namespace) -> int:
+    from coopsim.attacks.attack import ATTACKS
     from coopsim.bench.grid.grid_file import PRESETS
     from coopsim.catalog import REWARDS, scenario_files
     from coopsim.comms.codecs.codec import CODECS
@@ -40,6 +41,7 @@ def _run_list(options: argparse.Namespace) -> int:
         "codecs": [f"{name} ({CODECS.get(name).content})" for name in CODECS],
         "camera rigs": RIG_NAMES,
         "planners": PLANNERS.names(),
+        "attacks": ATTACKS.names(),
         "metrics": METRICS.names(),
         "rewards": REWARDS.names(),
         "export formats": [_with_aliases(EXPORT_FORMATS, name) for name in EXPORT_FORMATS],

@@ -58,7 +58,9 @@ class NoChannel:
         self._handed: dict[str, list[Message]] = {}
         self.counts, self.link_counts = ChannelCounts(), {}  # type: ignore[var-annotated]
 
-    def send(self, messages: Sequence[Message], now_ns: int, positions: Mapping[str, Any], around: object) -> None:
+    def send(
+        self, messages: Sequence[Message], now_ns: int, positions: Mapping[str, Any], around: object, *further: object
+    ) -> None:
         for message in messages:
             for receiver in set(positions) - {message.sender}:
                 self._handed.setdefault(receiver, []).append(message)

@@ -48,6 +48,17 @@ def out_of_range(places_m: Floats, range_m: float) -> Mask:
 
 __all__ = ["Channel", "ChannelConfig", "ChannelCounts"]
 
+MOST_FURTHER, MOST_FURTHER_BYTES = 1000, 64 * 2**20
+"""Memory of a radio for messages on their way besides its agent's own: a flood fills it, and what comes then is
+dropped. A thousand detections or two feature maps of a megabyte each frame, for 3 s, have room."""
+
+MOST_IN_INBOX, MOST_INBOX_BYTES = 4096, 2**30
+"""Memory of a receiver for the messages of one frame: more than a hundred agents send in 3 s at 10 Hz. More is
+dropped."""
+
+_FURTHER = "further "
+"""Beginning of the names of the random streams of further messages: they shift no draw of an agent's own."""
+
 _ROUNDING_NS = 2
 """Tolerance for times and delays rounded to whole nanoseconds: two thirtieths of a second must be two frames."""
 
@@ -56,6 +67,7 @@ class _Wire:
     """Bytes as they arrive, decoded once for all receivers and moments of arrival."""
 
     def __init__(self, content: bytes) -> None:
+        self.size_bytes = len(content)
         self._content: bytes | None = content
         self._message: Message | None = None
 
@@ -126,9 +138,10 @@ class Channel:
 
     def __init__(self, config: ChannelConfig, seed: int) -> None:
         self._config, self._seed = config, seed
-        self._links: dict[LinkName, Link] = {}
+        self._links: dict[tuple[LinkName, str], Link] = {}
         self._agents: tuple[str, ...] = ()
-        self._fans: dict[str, _Fan] = {}  # between these agents, by sender
+        self._fans: dict[tuple[str, str], _Fan] = {}  # between these agents, by sender and streams
+        self._further: dict[int, tuple[str, int]] = {}  # radio and bytes of further messages, by number of broadcast
         self._reception_model = None if config.radio is None else RadioReception(config.radio, seed)
         self._media: dict[LinkName | None, Medium[tuple[_Transmission, ...]]] = {}
         # Due time, number of the broadcast, copy, serial number, and what arrives: a heap.
@@ -146,36 +159,73 @@ class Channel:
         positions: Mapping[str, Floats],
         around: RadioScene | None = None,
         to: Mapping[str, Collection[str]] | None = None,
+        further: Mapping[str, Sequence[Message]] | None = None,
     ) -> None:
         """Broadcast the messages of one moment, except for those of senders whose clocks have not ticked.
 
         Calls must be in order of time. Capture times are replaced by the stamps of the senders' clocks, at most one
         message per agent. Positions are true ones (3,) m of all agents, in one frame; `around` is used if the channel
-        has a radio. `to` has the receivers of each sender's message, by name; None: all.
+        has a radio. `to` has the receivers of each sender's message, by name; None: all. `further` are messages that an
+        agent's radio sends besides, under whatever names; those for which it has no memory (`MOST_FURTHER`) are
+        dropped.
         """
         wires = {message.sender: self._stamped(message) for message in messages if self._ticks(message.sender, now_ns)}
-        probabilities = self._reception_probabilities(wires, around or RadioScene(positions))
+        besides = {name: [self._stamped(each, name) for each in sent] for name, sent in (further or {}).items()}
+        sizes_bytes = {sender: len(wire) for sender, wire in wires.items()}
+        for name, sent in besides.items():
+            sizes_bytes[name] = sizes_bytes.get(name, 0) + sum(map(len, sent))
+        probabilities = self._reception_probabilities(sizes_bytes, around or RadioScene(positions))
         agents = tuple(positions)
         far = out_of_range(np.array([*positions.values()]).reshape(-1, 3), self._config.range_m)
         for sender, wire in wires.items():
-            self._broadcast_bytes[sender] += len(wire)
             fan = self._fan(sender, agents)
             if to is not None:
                 fan = fan.only([place for place, name in enumerate(fan.names) if name in to[sender]])
             reception = self._reception(sender, fan, far[agents.index(sender)], probabilities)
-            self._queue(sender, fan, self._transmit(fan, wire, reception), len(wire), now_ns)
+            self._broadcast(sender, fan, wire, reception, now_ns)
+        for name, sent in besides.items():
+            fan = self._fan(name, agents, _FURTHER)
+            reception = self._reception(name, fan, far[agents.index(name)], probabilities)
+            self._broadcast_further(name, fan, sent, reception, now_ns)
+
+    def _broadcast(self, sender: str, fan: _Fan, wire: bytes, reception: Floats, now_ns: int) -> None:
+        self._broadcast_bytes[sender] += len(wire)
+        self._queue(sender, fan, self._transmit(fan, wire, reception), len(wire), now_ns)
+
+    def _broadcast_further(self, name: str, fan: _Fan, wires: Sequence[bytes], reception: Floats, now_ns: int) -> None:
+        """Broadcast what a radio sends besides its agent's own message, as far as it has memory."""
+        on_the_way = {each.number for each in self._on_the_way()}
+        self._further = {number: known for number, known in self._further.items() if number in on_the_way}
+        sizes = [size for radio, size in self._further.values() if radio == name]
+        count, size_bytes = len(sizes), sum(sizes)
+        for wire in wires:
+            if count >= MOST_FURTHER or size_bytes + len(wire) > MOST_FURTHER_BYTES:
+                self._counts.add(fan.sender, fan.receivers, "sent", "lost", "dropped")
+                continue
+            count, size_bytes = count + 1, size_bytes + len(wire)
+            self._further[self._broadcasts] = name, len(wire)
+            self._broadcast(name, fan, wire, reception, now_ns)
 
     def deliver(self, now_ns: int) -> dict[str, list[Message]]:
         """Take out every message that is due, by receiver, in order of arrival."""
         self._advance(now_ns + _ROUNDING_NS + 1)
         inboxes: defaultdict[str, list[Message]] = defaultdict(list)
+        free_bytes: defaultdict[str, int] = defaultdict(lambda: MOST_INBOX_BYTES)
         while self._arrivals and self._arrivals[0][0] <= now_ns + _ROUNDING_NS:
             _, _, copy, _, arrived = heapq.heappop(self._arrivals)
             message = arrived.wire.message
             if message is not None:
-                for receiver in arrived.names:
+                size_bytes, full = arrived.wire.size_bytes, list[int]()
+                for place, receiver in enumerate(arrived.names):
+                    if len(inboxes[receiver]) >= MOST_IN_INBOX or size_bytes > free_bytes[receiver]:
+                        full.append(place)
+                        continue
                     inboxes[receiver].append(message)
-                self._counts.add(arrived.sender, arrived.receivers, "duplicates" if copy else "delivered")
+                    free_bytes[receiver] -= size_bytes
+                if full and not copy:
+                    self._counts.add(arrived.sender, arrived.receivers[full], "lost", "dropped")
+                reached = np.delete(arrived.receivers, full) if full else arrived.receivers
+                self._counts.add(arrived.sender, reached, "duplicates" if copy else "delivered")
             elif not copy:
                 self._counts.add(arrived.sender, arrived.receivers, "lost", "corrupted")
         return dict(inboxes)
@@ -198,8 +248,9 @@ class Channel:
         before_ns, self._offered_ns[sender] = self._offered_ns.get(sender), now_ns
         return self._clock(sender).ticks(before_ns, now_ns)
 
-    def _stamped(self, message: Message) -> bytes:
-        stamp_ns = self._clock(message.sender).stamp_ns(message.captured_ns)
+    def _stamped(self, message: Message, radio: str | None = None) -> bytes:
+        """Return the message with the stamp of its radio's clock; None: its sender's."""
+        stamp_ns = self._clock(radio or message.sender).stamp_ns(message.captured_ns)
         return encode_message(message if stamp_ns == message.captured_ns else replace(message, captured_ns=stamp_ns))
 
     def _clock(self, agent: str) -> AgentClock:
@@ -207,20 +258,21 @@ class Channel:
             self._clocks[agent] = self._config.clock(agent).sample(stream(self._seed, "clock", agent))
         return self._clocks[agent]
 
-    def _link(self, sender: str, receiver: str) -> Link:
-        if (sender, receiver) not in self._links:
-            self._links[sender, receiver] = Link(self._config, self._seed, (sender, receiver))
-        return self._links[sender, receiver]
+    def _link(self, sender: str, receiver: str, streams: str = "") -> Link:
+        name = (sender, receiver), streams
+        if name not in self._links:
+            self._links[name] = Link(self._config, self._seed, *name)
+        return self._links[name]
 
-    def _fan(self, sender: str, agents: tuple[str, ...]) -> _Fan:
+    def _fan(self, sender: str, agents: tuple[str, ...], streams: str = "") -> _Fan:
         """Return the links from a sender to all other agents."""
         if agents != self._agents:
             self._agents, self._fans = agents, {}
-        if sender not in self._fans:
+        if (sender, streams) not in self._fans:
             names = tuple(name for name in agents if name != sender)
-            links = tuple(self._link(sender, name) for name in names)
+            links = tuple(self._link(sender, name, streams) for name in names)
             certain = {link.certain_delays_ns for link in links}
-            self._fans[sender] = _Fan(
+            self._fans[sender, streams] = _Fan(
                 int(self._counts.numbers([sender])[0]),
                 names,
                 np.array([place for place, name in enumerate(agents) if name != sender], dtype=np.int64),
@@ -229,15 +281,15 @@ class Channel:
                 np.array([link.wired for link in links], dtype=np.bool_),
                 certain.pop() if len(certain) == 1 else None,
             )
-        return self._fans[sender]
+        return self._fans[sender, streams]
 
-    def _reception_probabilities(self, wires: Mapping[str, bytes], around: RadioScene) -> Mapping[LinkName, float]:
+    def _reception_probabilities(self, sizes_bytes: Mapping[str, int], around: RadioScene) -> Mapping[LinkName, float]:
         """Return the radio's reception probabilities by link; senders with wired links only are not on the air."""
         if self._reception_model is None:
             return {}
         on_air = {
-            sender: len(wire)
-            for sender, wire in wires.items()
+            sender: size
+            for sender, size in sizes_bytes.items()
             if not all(self._link(sender, other).wired for other in around.antennas if other != sender)
         }
         return self._reception_model.reception_probabilities(on_air, around)
@@ -318,7 +370,12 @@ class Channel:
 
     def _pending(self) -> Iterator[tuple[int, Ints]]:
         """Yield sender and receivers, by number, of every message that has not arrived."""
-        waiting = (each for medium in self._media.values() for content in medium.waiting for each in content)
-        on_the_way = (each for _, _, copy, _, each in self._arrivals if not copy)
-        for each in (*waiting, *on_the_way):
+        for each in self._on_the_way():
             yield each.sender, each.receivers
+
+    def _on_the_way(self) -> Iterator[_Transmission]:
+        """Yield every transmission that waits for a medium or has not arrived, without second copies."""
+        for medium in self._media.values():
+            for content in medium.waiting:
+                yield from content
+        yield from (each for _, _, copy, _, each in self._arrivals if not copy)

@@ -27,6 +27,7 @@ class ChannelCounts:
         corrupted: lost messages that arrived with a wrong checksum.
         stale: lost messages that waited too long for the medium.
         duplicates: second copies that arrived; they are in no other count.
+        dropped: lost messages for which a radio's or a receiver's memory had no room: see `Channel`.
         rejected: delivered messages that a policy could not read (`Policy.rejected`). The channel does not read
             payloads: it is 0 in the channel's counts.
     """
@@ -39,9 +40,10 @@ class ChannelCounts:
     stale: int = 0
     duplicates: int = 0
     rejected: int = 0
+    dropped: int = 0
 
 
-_COUNTED = ("sent", "delivered", "lost", "corrupted", "stale", "duplicates")
+_COUNTED = ("sent", "delivered", "lost", "corrupted", "stale", "duplicates", "dropped")
 
 
 class LinkCounts:
@@ -96,7 +98,7 @@ class Fate:
 
 
 class Link:
-    """Link from a sender to a receiver, with its own random streams, one per purpose.
+    """Link from a sender to a receiver, with its own random streams, one per purpose, whose names begin with `streams`.
 
     A stream takes the same draws for each message. One whose draws can decide nothing in the whole episode, as those of
     a loss with probability 0, is not even made: no other purpose draws from it.
@@ -107,8 +109,9 @@ class Link:
             None: draws matter.
     """
 
-    def __init__(self, config: ChannelConfig, seed: int, link: tuple[str, str]) -> None:
+    def __init__(self, config: ChannelConfig, seed: int, link: tuple[str, str], streams: str = "") -> None:
         override = config.link(*link)
+        self._streams = streams
         self.wired = override.wired
         self._seed, self._name = seed, link
         self._duplicates, self._bit_error_rate = config.duplication, config.bit_error_rate
@@ -148,7 +151,7 @@ class Link:
         return None if lost or faded else Fate(wire, delays_ns)
 
     def _stream(self, purpose: str) -> np.random.Generator:
-        return stream(self._seed, purpose, *self._name)
+        return stream(self._seed, self._streams + purpose, *self._name)
 
     def _corrupt(self, bits: np.random.Generator, wire: bytes) -> bytes:
         """Flip each bit independently with the bit error rate."""
