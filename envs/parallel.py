@@ -37,6 +37,7 @@ from coopsim.support.rng import fresh_seed, require_seed
 from coopsim.types import NS_PER_S, AgentSpec, CameraImage, Tracks
 from coopsim.types.driving import CarState
 from coopsim.types.lies import Lie
+from coopsim.types.messages import MOST_STRANGERS
 from coopsim.viz.bev import BevFrame
 from coopsim.wire.actions import action_space, idle, unpack_actions
 from coopsim.world.snapshot import RoadMap
@@ -95,7 +96,8 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             "is_parallelizable": True,
             "render_fps": max(1, round(1 / dt_s)),
         }
-        self._observation_spaces = {name: source.format.space(name) for name in source.specs}
+        form = replace(source.format, strangers=MOST_STRANGERS if options.attacks else 0)
+        self._observation_spaces = {name: form.space(name) for name in source.specs}
         self._action_spaces = {
             name: action_space(spec.command, spec.message) for name, spec in self.agent_specs.items()
         }

@@ -20,6 +20,23 @@ from coopsim.types.sensing import (
 )
 from coopsim.types.units import Mask
 
+_STRANGER = "stranger_"
+
+MOST_STRANGERS = 256
+"""Largest number of senders in an inbox that are none of the environment's agents."""
+
+
+def stranger(number: int) -> str:
+    """Return the name of a sender that is none of the environment's agents."""
+    return f"{_STRANGER}{number}"
+
+
+def stranger_number(name: str) -> int | None:
+    """Return the number of such a name; None for all other names."""
+    number = name.removeprefix(_STRANGER)
+    known = number != name and number.isdecimal() and int(number) < MOST_STRANGERS
+    return int(number) if known else None
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Message:

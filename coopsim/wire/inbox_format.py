@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.comms.codecs.codec import CODECS
+from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import as_numbers, frozen
 from coopsim.types import Message, PoseEstimate
+from coopsim.types.messages import stranger, stranger_number
 
 _NUMBERS = ("sender", "codec", "captured_ns", "payload_bytes")
 
@@ -23,13 +25,15 @@ _NUMBERS = ("sender", "codec", "captured_ns", "payload_bytes")
 class InboxPacker:
     """Packer of the inboxes of one frame.
 
-    Senders are numbered in the order of `agents`. `messages` are those of all inboxes, in any order, equal objects once
-    or several times. With `covariances`, poses have them; zeros stand for none.
+    Senders are numbered in the order of `agents`, strangers after them. `messages` are those of all inboxes, in any
+    order, equal objects once or several times. With `covariances`, poses have them; zeros stand for none.
     """
 
     def __init__(self, agents: Sequence[str], messages: Sequence[Message], *, covariances: bool) -> None:
         distinct = list({id(message): message for message in messages}.values())
         number = {name: row for row, name in enumerate(agents)}
+        for name in {message.sender for message in distinct} - number.keys():
+            number[name] = _number_of_stranger(name, len(agents))
         codec = {name: row for row, name in enumerate(CODECS.names())}
         self._kept = distinct  # an id is a message's own only while the message lives
         self._row = {id(message): row for row, message in enumerate(distinct)}
@@ -55,7 +59,7 @@ class InboxReader:
     """Reader of packed inboxes; receivers of the same bytes get the same `Message` objects.
 
     Every byte of every inbox is looked at: the content of one receiver's inbox is never taken for another's. Senders
-    are numbered in the order of `agents`.
+    are numbered in the order of `agents`, strangers after them.
     """
 
     def __init__(self, agents: Sequence[str]) -> None:
@@ -84,11 +88,21 @@ class InboxReader:
             known = self._known.get((sender, codec, captured_ns))
             if known is None or known[0] != content or known[1] != pose or known[2] != spread:
                 estimate = PoseEstimate(poses[row], stated_covariance(spreads[row]))
-                message = Message(self._agents[sender], captured_ns, estimate, content, self._codecs[codec])
+                message = Message(self._name(sender), captured_ns, estimate, content, self._codecs[codec])
                 known = self._known[sender, codec, captured_ns] = content, pose, spread, message
             messages.append(known[3])
             begin += length
         return tuple(messages)
+
+    def _name(self, number: int) -> str:
+        return self._agents[number] if number < len(self._agents) else stranger(number - len(self._agents))
+
+
+def _number_of_stranger(name: str, agents: int) -> int:
+    number = stranger_number(name)
+    if number is None:
+        raise InvalidValueError(f"a sender must be an agent or '{stranger(0)}', '{stranger(1)}', ..., got {name!r}")
+    return agents + number
 
 
 def pack_covariances(poses: Sequence[PoseEstimate]) -> Floats:

@@ -48,6 +48,7 @@ class ObservationFormat:
         detection_covariances: detections have covariances.
         pose_covariances: some agent states the covariance of its pose.
         skips_frames: there are frames in which sensors and detector do not run.
+        strangers: number of senders that are none of the agents, see `coopsim.types.messages.stranger`.
     """
 
     agents: tuple[str, ...]
@@ -58,6 +59,7 @@ class ObservationFormat:
     detection_covariances: bool = False
     pose_covariances: bool = False
     skips_frames: bool = False
+    strangers: int = 0
 
     @classmethod
     def to_unpack(cls, specs: Mapping[str, AgentSpec]) -> ObservationFormat:
@@ -68,7 +70,7 @@ class ObservationFormat:
         """Return a new space of this agent's observations; agents do not share one, as each is seeded by itself."""
         pose: dict[str, Any] = {"pose": real_space(4)}
         head: dict[str, Any] = {
-            "sender": spaces.Discrete(len(self.agents)),
+            "sender": spaces.Discrete(len(self.agents) + self.strangers),
             "codec": spaces.Discrete(len(CODECS.names())),
             "captured_ns": spaces.Discrete(COUNTER),
             "pose": real_space(4),
