@@ -1,7 +1,7 @@
 """Wrappers that give learners observations and actions of fixed shapes.
 
-All but `Driving` and `WithoutInfos` take the parallel environment (`coopsim.parallel_env`) as well as the single-agent
-one (`coopsim.single_env`, `gymnasium.make`), and return a wrapper of the same kind.
+All but `Driving`, `Speaking` and `WithoutInfos` take the parallel environment (`coopsim.parallel_env`) as well as the
+single-agent one (`coopsim.single_env`, `gymnasium.make`), and return a wrapper of the same kind.
 
 | wrapper | observations | actions |
 |---|---|---|
@@ -10,6 +10,7 @@ one (`coopsim.single_env`, `gymnasium.make`), and return a wrapper of the same k
 | `BevImage` | a square picture around the agent: a `Box` (C, H, W) | |
 | `Flatten` | all of these as one (N,) `Box`; a picture by itself stays one | |
 | `Driving` | | maneuvers alone, a `Discrete`; a policy tracks |
+| `Speaking` | | messages alone, as one (N,) `Box`; a policy tracks |
 | `FixedTracks` | | tracks, and the maneuver of a driver, as one (N,) `Box` |
 | `WithoutInfos` | the same, and empty infos, as TorchRL needs them | |
 
@@ -43,13 +44,13 @@ from coopsim.envs.wrappers.base_wrappers import (
 )
 from coopsim.envs.wrappers.bev_image import BevImageView
 from coopsim.envs.wrappers.driving_rows import DrivingRowsView
-from coopsim.envs.wrappers.driving_wrapper import Driving
+from coopsim.envs.wrappers.driving_wrapper import Driving, Speaking
 from coopsim.envs.wrappers.fixed_size import FixedSizeView
 from coopsim.envs.wrappers.flat import FlatForm, WithoutInfos
 from coopsim.envs.wrappers.received import View, Views
 from coopsim.envs.wrappers.track_rows import TrackRows
 
-__all__ = ["BevImage", "Driving", "DrivingRows", "FixedSize", "FixedTracks", "Flatten", "WithoutInfos"]
+__all__ = ["BevImage", "Driving", "DrivingRows", "FixedSize", "FixedTracks", "Flatten", "Speaking", "WithoutInfos"]
 
 
 def FixedSize(env: Any, **options: Any) -> Any:

@@ -40,6 +40,17 @@ class ObservationForm(ABC):
     def begin(self, env: CooperativeEnv) -> None:
         """Begin an episode of this environment, and forget the last one."""
 
+    def action_space(self, inner: AnySpace) -> AnySpace:
+        """Return the space of actions for such observations: by default the environment's own."""
+        return inner
+
+    def act(self, agent: str, action: Any) -> Any:
+        """Return the environment's action for one that was chosen by an agent's last observation in this form.
+
+        What is no action in `action_space` is returned as it is, for the environment to refuse.
+        """
+        return action
+
     @abstractmethod
     def observe(self, agent: str, observation: Any) -> Any:
         """Return an agent's observation in this form; called once for each of its observations, in order."""
@@ -100,6 +111,15 @@ class ObservingParallel(BaseParallelWrapper[str, Any, Any]):  # type: ignore[mis
         self._cooperative, self.form = cooperative_env(env), form
         form.bind(env)
         self._spaces = {name: form.space(env.observation_space(name)) for name in env.possible_agents}
+        self._action_spaces = {name: form.action_space(env.action_space(name)) for name in env.possible_agents}
+
+    def action_space(self, agent: str) -> AnySpace:
+        """Return the space of an agent's actions; always the same object.
+
+        Raises:
+            UnknownNameError: there is no such agent; the message lists those that there are.
+        """
+        return space_of(agent, self._action_spaces)
 
     def observation_space(self, agent: str) -> AnySpace:
         """Return the space of an agent's observations; always the same object.
@@ -119,6 +139,8 @@ class ObservingParallel(BaseParallelWrapper[str, Any, Any]):  # type: ignore[mis
 
     def step(self, actions: ByAgent) -> Stepped:
         """Go to the next frame; see `CooperativeEnv.step`."""
+        if isinstance(actions, dict):  # the environment refuses all else
+            actions = {name: self.form.act(name, each) for name, each in actions.items()}
         observations, *rest = self.env.step(actions)
         return (self.form.observe_all(observations), *rest)
 
@@ -161,6 +183,7 @@ class ObservingSingle(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorAr
         self._cooperative, self.form = cooperative_env(env), deepcopy(form)
         self.form.bind(env)
         self.observation_space = self.form.space(env.observation_space)
+        self.action_space = self.form.action_space(env.action_space)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode; see `SingleAgentEnv.reset`."""
@@ -170,6 +193,7 @@ class ObservingSingle(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorAr
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Go to the next frame; see `SingleAgentEnv.step`."""
+        action = self.form.act(self.get_wrapper_attr("ego"), action)
         observation, reward, terminated, truncated, info = self.env.step(action)
         return self._observed(observation), reward, terminated, truncated, info
 

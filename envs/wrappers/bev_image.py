@@ -1,6 +1,7 @@
 """BevImage: a square picture around the agent, seen from above, with the agent's heading up.
 
-The agent is in the middle. Row 0 is farthest ahead (x), column 0 farthest to the left (y).
+The agent is in the middle. Row 0 is farthest ahead (x), column 0 farthest to the left (y). With
+`uplink="action(form=cells)"` the cells of a message divide the same square.
 
 | channels | planes | meaning |
 |---|---|---|
@@ -19,13 +20,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from coopsim.envs.wrappers.base_wrappers import cooperative_env
 from coopsim.envs.wrappers.received import BOX, SCORE, VELOCITY, Arrays, Received, Scene, View, as_rows
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
@@ -91,6 +93,14 @@ class BevImageView(View):
             raise InvalidValueError(f"channels must be distinct, got {self.channels!r}")
         self._road_map: RoadMap | None = None
         self._raster: MapRaster
+
+    def require(self, env: Any) -> None:
+        """Require cells of messages, where there are any, on the same square as the picture."""
+        part = next(iter(cooperative_env(env).agent_specs.values())).message
+        if part is not None and part.form == "cells" and part.metres != self.metres:
+            raise InvalidValueError(
+                f"metres must be those of the cells of messages, {part.metres:g}, got {self.metres:g}"
+            )
 
     @property
     def planes(self) -> tuple[str, ...]:

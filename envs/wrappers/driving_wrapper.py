@@ -1,28 +1,23 @@
-"""Driving: agents choose their commands alone, and a policy reports their tracks."""
+"""Driving and Speaking: agents choose commands or messages alone, and a policy reports their tracks."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
-import gymnasium
 import numpy as np
 from gymnasium import spaces
-from pettingzoo import ParallelEnv
-from pettingzoo.utils import BaseParallelWrapper
 
-from coopsim.agents.policy import Policy
-from coopsim.envs.parallel import space_of
-from coopsim.envs.roles import Roles
-from coopsim.envs.wrappers.base_wrappers import ByAgent, Stepped, cooperative_env
-from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError
-from coopsim.support.checks import require_choice
-from coopsim.support.rng import derived_seed
-from coopsim.types import Tracks
-from coopsim.wire.actions import command_space, unpack_action
+from coopsim.envs.wrappers.base_wrappers import ByAgent
+from coopsim.envs.wrappers.message_numbers import as_message, numbers_of
+from coopsim.envs.wrappers.tracked_by_policy import TrackedByPolicy
+from coopsim.errors import CoopsimError, InvalidActionError
+from coopsim.geometry.se3 import Floats
+from coopsim.support.arrays import as_numbers, require_finite
+from coopsim.types import AgentSpec
+from coopsim.wire.actions import MESSAGE, command_space
 
 
-class Driving(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pettingzoo is untyped
+class Driving(TrackedByPolicy):
     """The parallel environment for learners that drive: an action is a command alone.
 
     It is one of `MANEUVERS`, `Discrete(5)`, or under `control="acceleration"` in m/s², `Box(-8, 3, (1,))`.
@@ -41,102 +36,55 @@ class Driving(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pett
         PolicyMismatchError: the environment lacks what the policy needs.
     """
 
-    def __init__(self, env: ParallelEnv[str, Any, Any], tracker: str | Policy = "late_fusion") -> None:
-        if isinstance(env, gymnasium.Env):
-            raise InvalidValueError('env must be parallel: make a single-agent one with tracker="late_fusion" instead')
-        super().__init__(env)
-        self._cooperative = cooperative_env(env)
-        made = Roles.make(tracker, others=None).tracker
-        if made is None:
-            raise InvalidValueError("tracker must be a policy or its name, got None")
-        self.tracker = made
-        self.tracker.require(self._cooperative.agent_specs)
-        self._commands = {
-            name: spec.command for name, spec in self._cooperative.agent_specs.items() if spec.command is not None
-        }
-        drivers = list(self._commands)
-        if not drivers:
-            raise InvalidValueError(
-                'env must have agents that drive: make a simulation with control="policy" or "acceleration"'
-            )
-        for kind in ("action", "observation"):
-            if not all(
-                getattr(env, f"{kind}_space")(name) is getattr(self._cooperative, f"{kind}_space")(name)
-                for name in drivers
-            ):
-                raise InvalidValueError(f"env must have coopsim's own {kind}s, which no wrapper changed")
-        self.possible_agents = drivers
-        self.agents: list[str] = []
-        self._spaces: dict[str, spaces.Space[Any]] = {
-            name: command_space(each) for name, each in self._commands.items()
-        }
-        self._observations: ByAgent = {}
-        self._actions: ByAgent | None = None
+    _kind = "command"
+    _needed = 'drive: make a simulation with control="policy" or "acceleration"'
 
-    def action_space(self, agent: str) -> spaces.Space[Any]:
-        """Return the space of an agent's commands; always the same object.
+    def _chooses(self, spec: AgentSpec) -> bool:
+        return spec.command is not None
 
-        Raises:
-            UnknownNameError: there is no such agent; the message lists those that there are.
-        """
-        return space_of(agent, self._spaces)
+    def _space(self, spec: AgentSpec) -> spaces.Space[Any]:
+        return command_space(str(spec.command))
 
-    def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[ByAgent, dict[str, dict[str, Any]]]:
-        """Begin an episode; see `CooperativeEnv.reset`."""
-        observations, infos = self.env.reset(seed=seed, options=options)
-        used = next(info["seed"] for info in infos.values())
-        self.tracker.reset(self._cooperative.agent_specs, seed=derived_seed(used, "policy"))
-        self._observed(observations)
-        return self._of_drivers(observations), self._of_drivers(infos)
-
-    def step(self, actions: Mapping[str, Any]) -> Stepped:
-        """Go to the next frame with one command for every agent in `agents`.
-
-        Raises:
-            EpisodeStateError: there is no running episode.
-            InvalidActionError: names the agent and what is wrong. The environment is as it was before.
-        """
-        if not self.agents:
-            raise EpisodeStateError("there is no running episode: call reset to begin one")
-        chosen = self._checked(actions)
-        taken = dict(self._tracked())
-        for name, command in chosen.items():
-            taken[name] = taken[name] | {self._commands[name]: command}
-        observations, *rest = self.env.step(taken)
-        self._observed(observations)
-        return (self._of_drivers(observations), *(self._of_drivers(each) for each in rest))  # type: ignore[return-value]
-
-    def reported_tracks(self, agent: str) -> Tracks:
-        """Return the tracks that the policy reports for an agent's last observation, in the agent's base frame.
-
-        Raises:
-            UnknownNameError: the agent is not present; the message lists those that are.
-        """
-        require_choice("agent", agent, self._observations)
-        return unpack_action(agent, {"tracks": self._tracked()[agent]["tracks"]})[0]
-
-    def _tracked(self) -> ByAgent:
-        """Return the tracker's actions; it must see no frame twice, whatever commands are refused."""
-        if self._actions is None:
-            self._actions = self.tracker.act(self._observations)
-        return self._actions
-
-    def _observed(self, observations: ByAgent) -> None:
-        self._observations, self._actions = observations, None
-        self.agents = [name for name in self.env.agents if name in self._spaces]
-
-    def _of_drivers(self, by_agent: ByAgent) -> ByAgent:
-        return {name: each for name, each in by_agent.items() if name in self._spaces}
-
-    def _checked(self, actions: object) -> ByAgent:
-        if not isinstance(actions, Mapping) or set(actions) != set(self.agents):
-            got = sorted(map(str, actions)) if isinstance(actions, Mapping) else repr(actions)
-            raise InvalidActionError(f"actions are a dict with one command for each of {self.agents}, got {got}")
-        return {name: _number(command) for name, command in actions.items()}
+    def _part(self, spec: AgentSpec, action: Any) -> ByAgent:
+        # Some learners give an array of no dimension; the environment checks the rest.
+        number = action[()] if isinstance(action, np.ndarray) and action.ndim == 0 else action
+        return {str(spec.command): number}
 
 
-def _number(command: Any) -> Any:
-    """Return the number in an array of no dimension, as some learners give it; the environment checks the rest."""
-    return command[()] if isinstance(command, np.ndarray) and command.ndim == 0 else command
+class Speaking(TrackedByPolicy):
+    """The parallel environment for learners of messages: an action is a message alone, as numbers in [-1, 1].
+
+    It is one (N,) float32 array, see `coopsim.envs.wrappers.message_numbers`. A policy reports the tracks of all
+    agents, and drives those that drive. A single-agent environment has `tracker=` for the same.
+
+    Args:
+        env: made with `uplink="action"`, of scores or cells; its observations and actions are coopsim's own.
+        tracker: the policy, by name or spec ("late_fusion(merge_iou=0.2)") or itself, of which a copy is made.
+
+    Raises:
+        InvalidValueError: `env` is no such environment, or `tracker` is no policy.
+        UnknownNameError: no policy has that name.
+        PolicyMismatchError: the environment lacks what the policy needs.
+    """
+
+    _kind = "message"
+    _needed = 'say what they send: make the environment with uplink="action"'
+
+    def _chooses(self, spec: AgentSpec) -> bool:
+        return spec.message is not None
+
+    def _space(self, spec: AgentSpec) -> spaces.Space[Any]:
+        assert spec.message is not None
+        return spaces.Box(-1.0, 1.0, (numbers_of(spec.message),), np.float32)
+
+    def _part(self, spec: AgentSpec, action: Any) -> ByAgent:
+        assert spec.message is not None
+        try:
+            numbers: Floats = as_numbers(action, np.float64, "message")
+            require_finite(numbers, "message")
+        except CoopsimError as error:
+            raise InvalidActionError(f"{spec.name}: {error}") from error
+        if numbers.shape != (numbers_of(spec.message),):
+            wanted = (numbers_of(spec.message),)
+            raise InvalidActionError(f"{spec.name}: message must have shape {wanted}, got {numbers.shape}")
+        return {MESSAGE: as_message(np.clip(numbers, -1.0, 1.0), spec.message)}

@@ -11,6 +11,9 @@ Frame: the agent's base frame now (x forward, y left, z up, origin on the ground
 | `points` | (points, 4) | points of its own LiDARs: `POINT_COLUMNS` |
 | `<key>_mask` | as `<key>`, without the last axis | 1 where a row has content, 0 where it is padding (zeros) |
 
+In an environment with `uplink="action"` the scores of a message are those of the rows of `detections`, in their order;
+detections that are not shown are not sent.
+
 A number that is 0 leaves its keys out. Rows with content come first. All are float32, finite, and within the bounds
 of their space: what lies beyond `reach_m` is left out, all else beyond a bound is taken as the bound.
 """
@@ -19,11 +22,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from coopsim.envs.wrappers.base_wrappers import AnySpace, cooperative_env
+from coopsim.envs.wrappers.message_numbers import ScoresByRow
 from coopsim.envs.wrappers.received import (
     BOX,
     LABEL,
@@ -33,8 +39,9 @@ from coopsim.envs.wrappers.received import (
     Received,
     Scene,
     View,
-    as_rows,
+    all_rows,
     deviations,
+    usable,
 )
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_choice, require_count, require_positive
@@ -103,6 +110,22 @@ class FixedSizeView(View):
         require_count(0, points=self.points)
         require_choice("order", self.order, ORDERS)
         require_positive(reach_m=self.reach_m)
+        self._scores: ScoresByRow | None = None
+        self._shown: dict[str, Ints] = {}
+
+    def require(self, env: Any) -> None:
+        """Take over the part `message` of the environment's actions."""
+        part = next(iter(cooperative_env(env).agent_specs.values())).message
+        scored = part is not None and part.form == "scores" and self.detections > 0
+        self._scores = ScoresByRow(part, self.detections) if part is not None and scored else None
+
+    def action_space(self, inner: AnySpace) -> AnySpace:
+        return inner if self._scores is None else self._scores.space(inner)
+
+    def act(self, agent: str, action: Any) -> Any:
+        """Return the environment's action, with scores in the order of its detections."""
+        shown = self._shown.get(agent)
+        return action if self._scores is None or shown is None else self._scores.act(agent, action, shown)
 
     def spaces(self) -> dict[str, spaces.Box]:
         limits, shapes = self._limits, self._shapes
@@ -151,8 +174,11 @@ class FixedSizeView(View):
         """Return rows by key, each with the places of its rows in the table."""
         found: dict[str, tuple[Floats, tuple[Ints, ...]]] = {}
         if self.detections:
-            rows = self._within(as_rows(scene.observation.detections))
-            rows = rows[self._first(rows)[: self.detections]]
+            rows = all_rows(scene.observation.detections)
+            known = np.flatnonzero(usable(rows))
+            known = known[(np.abs(rows[known, :3]) <= self.reach_m).all(axis=1)]
+            self._shown[scene.agent] = known = known[self._first(rows[known])[: self.detections]]
+            rows = rows[known]
             found["detections"] = _columns(rows), (np.arange(len(rows)),)
         if self.messages:
             kept = self._kept_messages(scene.received)

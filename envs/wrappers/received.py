@@ -84,6 +84,14 @@ class View(ABC):
             InvalidValueError: it lacks something.
         """
 
+    def action_space(self, inner: AnySpace) -> AnySpace:
+        """Return the space of actions for what the view shows; see `ObservationForm.action_space`."""
+        return inner
+
+    def act(self, agent: str, action: Any) -> Any:
+        """Return the environment's action; see `ObservationForm.act`."""
+        return action
+
     def begin(self, road_map: RoadMap) -> None:
         """Take over the map of an episode that begins."""
 
@@ -131,6 +139,16 @@ class Views(ObservationForm):
         for view in self.views:
             view.require(env)
         self._env = env
+
+    def action_space(self, inner: AnySpace) -> AnySpace:
+        for view in self.views:
+            inner = view.action_space(inner)
+        return inner
+
+    def act(self, agent: str, action: Any) -> Any:
+        for view in reversed(self.views):
+            action = view.act(agent, action)
+        return action
 
     def begin(self, env: CooperativeEnv) -> None:
         specs = env.agent_specs
@@ -246,11 +264,17 @@ def usable(rows: Floats) -> Mask:
 
 def as_rows(found: Any, velocity: Floats | None = None) -> Floats:
     """Return detections, tracks or queries as the usable ones of their rows (N, 11)."""
+    rows = all_rows(found, velocity)
+    return rows[usable(rows)]
+
+
+def all_rows(found: Any, velocity: Floats | None = None) -> Floats:
+    """Return detections, tracks or queries as rows (N, 11)."""
     rows = np.zeros((len(found.boxes), _COLUMNS))
     rows[:, BOX], rows[:, SCORE], rows[:, LABEL] = found.boxes.array, found.score, found.label
     if velocity is not None:
         rows[:, VELOCITY] = velocity
-    return rows[usable(rows)]
+    return rows
 
 
 def _boxes_and_points(message: Message) -> tuple[Floats, Floats]:

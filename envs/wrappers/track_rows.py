@@ -36,7 +36,7 @@ from coopsim.types import Tracks
 from coopsim.types.driving import ACCELERATION, LARGEST_ACCELERATION_M_S2, LARGEST_BRAKING_M_S2, MANEUVER
 from coopsim.types.messages import MANEUVERS
 from coopsim.types.taxonomy import CLASS_NAMES
-from coopsim.wire.actions import pack_tracks
+from coopsim.wire.actions import MESSAGE, pack_tracks
 
 TRACK_COLUMNS = ("present", "x", "y", "z", "l", "w", "h", "yaw", "vx", "vy", "score", *CLASS_NAMES)
 
@@ -69,6 +69,10 @@ class TrackRows(ActionForm):
         if not (isinstance(inner, spaces.Dict) and "tracks" in inner.spaces):
             raise InvalidValueError(
                 f"env must have coopsim's own actions, which no wrapper changed, got {kind_of(inner)}"
+            )
+        if MESSAGE in inner.spaces:
+            raise InvalidValueError(
+                'env must have no messages in its actions, which uplink="action" adds: choose Speaking, or a tracker'
             )
         count = self.tracks * len(TRACK_COLUMNS) + _LENGTHS[_command(inner)]
         return spaces.Box(-1.0, 1.0, (count,), np.float32)
