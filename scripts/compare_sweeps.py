@@ -1,18 +1,19 @@
 """Compare simulated sweeps with real ones by statistics that a detector depends on.
 
-    python scripts/compare_sweeps.py REAL [--clips 12] [--figure docs/results/sweeps.svg]
+    python scripts/compare_sweeps.py REAL [--clips 12] [--figure docs/results/sweeps.png]
 
 REAL is a folder of real sweeps, one `.npz` a frame, with `points` (N, 5): x, y, z m (z = 0 on the ground), intensity,
 age; labelled ones have `boxes` (M, 7), `names` (M,) and `returns` (M,). Prints a table in Markdown with a column for
 each real sensor and, beside it, for simulated sweeps of that sensor: ideal ones, and realistic ones
 (`realistic_share`).
-Frames in `ASIDE` are never read: they are for tests of networks.
+A figure shows one sweep of each
+from above. Frames in `ASIDE` are never read: they are for tests of networks.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -120,9 +121,6 @@ def _frame(scene: Scene, agent: AgentScene, x_m: float, above_m: float, columns:
     label = scene.label[~own]
     chosen = [boxes[np.isin(label, kinds)] for kinds in (VEHICLES, PEOPLE)]
     return Frame(agent.points.astype(np.float64), origin, *chosen, columns)
-
-
-Row = dict[str, float]
 
 
 def measure(frame: Frame, sensor: Sensor) -> dict[str, list[float]]:
@@ -278,21 +276,49 @@ class Column:
             self.values.setdefault(name, []).extend(values)
 
 
+def sources_of(folder: Path, sensor: Sensor, clips: int) -> dict[str, Iterator[Frame]]:
+    """Return the frames of a real sensor, and of simulated ones, by the name of their column."""
+    return {
+        sensor.name: real_frames(folder, sensor),
+        "ideal": simulated_frames(sensor, clips, 0.0),
+        "realistic": simulated_frames(sensor, clips, 1.0),
+    }
+
+
 def columns_of(folder: Path, clips: int) -> list[Column]:
     """Return real, ideal and realistic columns of each sensor."""
     columns = []
     for sensor in SENSORS:
-        sources: Sequence[tuple[str, Callable[[], Iterator[Frame]]]] = (
-            (sensor.name, lambda sensor=sensor: real_frames(folder, sensor)),
-            ("ideal", lambda sensor=sensor: simulated_frames(sensor, clips, 0.0)),
-            ("realistic", lambda sensor=sensor: simulated_frames(sensor, clips, 1.0)),
-        )
-        for name, frames in sources:
+        for name, frames in sources_of(folder, sensor, clips).items():
             column = Column(name)
-            for frame in frames():
+            for frame in frames:
                 column.add(measure(frame, sensor))
             columns.append(column)
     return columns
+
+
+def draw(folder: Path, path: Path) -> None:
+    """Draw the first real, ideal and realistic sweep of each sensor from above, coloured by height."""
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(len(SENSORS), 3, figsize=(12, 8.2), constrained_layout=True)
+    for row, sensor in zip(axes, SENSORS, strict=True):
+        for axis, (name, frames) in zip(row, sources_of(folder, sensor, 1).items(), strict=True):
+            frame = next(frames)
+            near = frame.points[np.abs(frame.points[:, :2]).max(axis=1) < RANGES_M[1][1]]
+            axis.scatter(*near[:, :2].T, c=near[:, 2], s=0.15, vmin=-0.3, vmax=2.5, cmap="viridis", linewidths=0)
+            for box in np.concatenate([frame.vehicles, frame.people]):
+                axis.plot(*_outline(box).T, color="crimson", linewidth=0.7)
+            axis.set(title=name, aspect="equal", xlim=(-30, 30), ylim=(-30, 30), xticks=[], yticks=[])
+    figure.savefig(path, dpi=90)
+
+
+def _outline(box: Floats) -> Floats:
+    """Return the outline (5, 2) of a box (7,) from above."""
+    cos, sin = np.cos(box[6]), np.sin(box[6])
+    corners = np.array([[1, 1], [1, -1], [-1, -1], [-1, 1], [1, 1]]) * box[3:5] / 2
+    outline: Floats = box[:2] + corners @ np.array([[cos, sin], [-sin, cos]])
+    return outline
 
 
 def table(columns: Sequence[Column]) -> str:
@@ -311,11 +337,14 @@ def _cell(values: Sequence[float]) -> str:
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the table, and draw the figure."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("real", type=Path, help="folder of real sweeps")
     parser.add_argument("--clips", type=int, default=12, help="simulated clips of each kind")
+    parser.add_argument("--figure", type=Path, help="picture to draw")
     given = parser.parse_args()
+    if given.figure is not None:
+        draw(given.real, given.figure)
     print(table(columns_of(given.real, given.clips)))
 
 

@@ -102,7 +102,11 @@ def test_directions_are_unit_beam_by_beam_and_counter_clockwise() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "close"), [("HDL-32", "HDL-32E"), ("vlp-16", "Accepted: 2x VLP-32C, HDL-32E, HDL-64E, OS1-128, Pandar64, VLP-16, VLP-32C")]
+    ("name", "close"),
+    [
+        ("HDL-32", "HDL-32E"),
+        ("vlp-16", "Accepted: 2x VLP-32C, HDL-32E, HDL-64E, OS1-128, Pandar64, VLP-16, VLP-32C"),
+    ],
 )
 def test_unknown_names_list_the_known(name: str, close: str) -> None:
     with pytest.raises(UnknownNameError, match=close):
