@@ -17,7 +17,7 @@ from coopsim.comms.uplinks.share_features import ShareMaps
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.geometry.se3 import SE3
 from coopsim.support.checks import require_choice
-from coopsim.types import AgentSpec, BevGrid, Detections, Message, Observation, SensorView, stack_xyz_yaw
+from coopsim.types import AgentSpec, BevGrid, Detections, FeatureMap, Message, Observation, SensorView, stack_xyz_yaw
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -157,6 +157,14 @@ class LearnedFusion(PerceivingPolicy):
             for each in received
         ]
         return perceiver.fuse(own, region, placed, self._kind(agent)), region
+
+    def features(
+        self, agent: str, observation: Observation, received: Sequence[Received], number: int
+    ) -> FeatureMap | None:
+        if number < 0:
+            return self._encode(observation.view(self.specs[agent])).message
+        content: ReceivedMap = received[number].content
+        return content.content
 
     def found_by(self, heading_rad: float, content: ReceivedMap) -> Detections:
         found = self._perceiver.detect(self._perceiver.alone(content), content.content.grid, self.least_score)

@@ -7,7 +7,7 @@ agent's estimated heading. Maps of all agents then have the same axes, so one br
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
@@ -25,7 +25,7 @@ from coopsim.support.methods import WeakMethod
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.motion.turning import face_velocity
 from coopsim.tracking.tracker import Tracker
-from coopsim.types import NS_PER_S, AgentSpec, Detections, Message, Observation, Tracks, seconds_to_ns
+from coopsim.types import NS_PER_S, AgentSpec, Detections, FeatureMap, Message, Observation, Tracks, seconds_to_ns
 from coopsim.types.valid_detections import drop_unreportable
 
 _MOST_SENDERS = 32
@@ -105,6 +105,7 @@ class PerceivingPolicy(TrackingPolicy):
 
         self._backend = find_backend(self.device, self.threads)
         self.load()
+        self.defend(self.defense)  # once more, as the networks decide what is needed
 
     @abstractmethod
     def load(self) -> None:
@@ -159,7 +160,7 @@ class PerceivingPolicy(TrackingPolicy):
         for agent, observation in observations.items():
             self._states[agent].frame.move(observation)
         self.prepare(observations)
-        received = {agent: self._listen(agent, observation) for agent, observation in observations.items()}
+        received = {agent: self._trusted(agent, observation) for agent, observation in observations.items()}
         tasks = [partial(self._perceive, agent, each, received[agent]) for agent, each in observations.items()]
         found = dict(zip(observations, self._backend.side_by_side(tasks), strict=True))
         return {agent: self._track(agent, observation, found[agent]) for agent, observation in observations.items()}
@@ -173,7 +174,7 @@ class PerceivingPolicy(TrackingPolicy):
 
     def perceive(self, agent: str, observation: Observation) -> Detections:
         self.prepare({agent: observation})
-        return self._perceive(agent, observation, self._listen(agent, observation))
+        return self._perceive(agent, observation, self._trusted(agent, observation))
 
     def _perceive(self, agent: str, observation: Observation, received: Sequence[Received]) -> Detections:
         """Return the detections of the agent and its senders, in its base frame; may run beside other agents'."""
@@ -222,6 +223,33 @@ class PerceivingPolicy(TrackingPolicy):
             name: known[name] for _, name in sorted(recent[:_MOST_SENDERS], key=lambda each: each[1])
         }
         return list(self._received[agent].values())
+
+    def _trusted(self, agent: str, observation: Observation) -> list[Received]:
+        """Take in the inbox, and return the newest message of each sender that the agent believes."""
+        received, guard = self._listen(agent, observation), self.guard
+        if guard is None:
+            return received
+        decode = WeakMethod(self._claimed)
+        heard = [(each.message, self._decoded(each.message, decode)) for each in received]
+
+        def find(senders: Collection[str]) -> Detections:
+            among = [each for each in received if each.message.sender in senders]
+            return drop_unreportable(self._perceive(agent, observation, among))
+
+        maps = partial(self.features, agent, observation, received)
+        guard.judge(observation, agent, self._states[agent].frame, heard, find, maps)
+        return [each for each in received if guard.believes(agent, each.message.sender)]
+
+    def _claimed(self, message: Message) -> Detections:
+        """Return the detections of a readable message by itself, in its sender's base frame."""
+        content = self._decoded(message, self._decode)
+        return drop_unreportable(self.found_by(float(message.pose.xyz_yaw[3]), content))
+
+    def features(
+        self, agent: str, observation: Observation, received: Sequence[Received], number: int
+    ) -> FeatureMap | None:
+        """Return the map in a message, or with -1 the one that the agent would send; None: messages hold none."""
+        return None
 
     def _places(self, agent: str, observation: Observation, readable: Sequence[tuple[Message, Any]]) -> list[SE3]:
         """Return `odom_SE3_sender` at capture for each message, corrected by common objects if `align`."""

@@ -19,7 +19,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -36,6 +36,10 @@ from coopsim.types.driving import Command
 from coopsim.wire.actions import MESSAGE, idle, pack_tracks
 from coopsim.wire.message_parts import everything
 from coopsim.wire.observation_format import ObservationFormat
+
+if TYPE_CHECKING:
+    from coopsim.defenses.defense import DefenseOption
+    from coopsim.defenses.guard import Guard
 
 T = TypeVar("T")
 
@@ -83,6 +87,7 @@ class Policy(ABC):
         specs: the agents of the running episode, in the environment's order.
         rejected: number of messages of the episode that could not be read, by receiver and sender; see `read`.
         counts: counters of the episode for reports, by name in plain words, e.g. how often a fallback was used.
+        guard: the defences of the receivers, see `defend`; None: every sender is believed.
     """
 
     needs: Needs = Needs()
@@ -90,6 +95,7 @@ class Policy(ABC):
     specs: Mapping[str, AgentSpec]
     rejected: Counter[tuple[str, str]]
     counts: Counter[str]
+    guard: Guard | None = None
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -173,6 +179,32 @@ class Policy(ABC):
         part = self.specs[agent].message
         return None if part is None else everything(part, observation.detections)
 
+    def defend(self, defense: DefenseOption) -> None:
+        """Set the defence of the receivers, and add to `needs` what it reads; None: every sender is believed.
+
+        Policies with a parameter `defense` call it when they are made.
+
+        Raises:
+            CoopsimError: there is no such defence, or a parameter is not accepted.
+            InvalidValueError: the policy reads no message.
+        """
+        if defense is None:
+            return
+        from coopsim.defenses.guard import Guard
+
+        if self.needs.uplink == "none":
+            raise InvalidValueError(f"defense must be None for a policy that reads no message, got {defense!r}")
+        self.guard = Guard(defense)
+        lidar, truth = self.needs.lidar or self.guard.needs_lidar, self.needs.truth or self.guard.needs_truth
+        self.needs = replace(self.needs, lidar=lidar, truth=truth)
+
+    def trust(self, agent: str) -> dict[str, float]:
+        """Return how far `agent` trusts each sender that it has heard, in [0, 1], as of its last frame.
+
+        Without a defence nothing is known, and the mapping is empty.
+        """
+        return {} if self.guard is None else self.guard.trust(agent)
+
     def reset(self, agent_specs: Mapping[str, AgentSpec], seed: int = 0) -> None:
         """Begin an episode with these agents, and forget the last one.
 
@@ -182,9 +214,13 @@ class Policy(ABC):
         self.require(agent_specs)
         self.specs, self.rejected, self._decoded = dict(agent_specs), Counter(), DecodeOnce()
         self.counts = Counter()
+        if self.guard is not None:
+            self.guard.reset(seed, self.counts)
         self._format = ObservationFormat.to_unpack(self.specs)
         for name, spec in self.specs.items():
             self.begin(spec, stream(seed, "policy", name))
+            if self.guard is not None:
+                self.guard.begin(spec)
 
     def require(self, agent_specs: Mapping[str, AgentSpec]) -> None:
         """Refuse an environment that lacks what the policy `needs`.
@@ -238,7 +274,7 @@ class Policy(ABC):
             require_choice("agent", name, self.specs)
         seen = self._format.unpack_all(observations)
         if self.needs.truth:
-            seen = {name: replace(each, truth=_truth_in((infos or {}).get(name, {}))) for name, each in seen.items()}
+            seen = {name: _told(each, (infos or {}).get(name, {})) for name, each in seen.items()}
         reported: Mapping[str, object] = self.track_all(seen)  # custom policies may ignore the annotation
         if not (isinstance(reported, Mapping) and set(reported) == set(seen)):
             got = sorted(map(str, reported)) if isinstance(reported, Mapping) else type(reported).__name__
@@ -258,6 +294,11 @@ class Policy(ABC):
         if self.specs[agent].message is not None:
             action[MESSAGE] = self.speak(agent, observation)
         return action
+
+
+def _told(observation: Observation, info: Mapping[str, Any]) -> Observation:
+    """Return an observation with the truth in the agent's info."""
+    return replace(observation, truth=_truth_in(info), attackers=frozenset(info.get("attackers", ())))
 
 
 def _truth_in(info: Mapping[str, Any]) -> GroundTruth:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,6 +31,9 @@ from coopsim.tracking.track_ids import ABSENT, PublicIds
 from coopsim.types import NS_PER_S, AgentSpec, Detections, Ints, Message, Observation, Tracks, seconds_to_ns
 from coopsim.types.track_estimates import TrackEstimates
 from coopsim.types.valid_detections import FARTHEST_M, drop_unreportable
+
+if TYPE_CHECKING:
+    from coopsim.defenses.defense import DefenseOption
 
 _MOTION = ConstantVelocity()
 """The motion model of received tracks, as in the tracker that they come from."""
@@ -74,6 +78,7 @@ class TrackToTrack(Policy):
             ECCV 2022): 0.2 m and 0.2 degrees.
         delayed: "predict" moves received tracks on by their velocity, "as_current" takes them as they were.
         align: correct poses by objects that several agents see, see `coopsim.fusion.alignment`.
+        defense: judge of the senders, such as "plausibility" (see `coopsim.defenses`); None: all are believed.
     """
 
     needs = Needs(uplink="tracks")
@@ -90,7 +95,9 @@ class TrackToTrack(Policy):
         heading_noise_rad: float = 0.0035,
         delayed: str = "predict",
         align: bool = False,
+        defense: DefenseOption = None,
     ) -> None:
+        self.defend(defense)
         require_flag(align=align)
         require_between(-1, 1, fuse_gate=fuse_gate)
         require_number(f"in (0, {_LONGEST_S:g}]", lambda value: 0 < value <= _LONGEST_S, valid_s=valid_s)
@@ -126,6 +133,11 @@ class TrackToTrack(Policy):
     def _listen(self, agent: str, state: _AgentState, observation: Observation) -> None:
         """Keep each sender's last message, while it is valid, in order of the names."""
         read = self.read(agent, nearby_messages(observation), decode_tracks)
+        if self.guard is not None:
+            heard = [(message, _boxes_of(tracks)) for message, tracks in read]
+            own = drop_unreportable(observation.detections)
+            masks = self.guard.judge_boxes(observation, agent, state.frame, heard, own)
+            read = [(message, tracks[mask]) for (message, tracks), mask in zip(read, masks, strict=True)]
         newest, captured_ns = dict[str, int](), {name: each.captured_ns for name, each in state.received.items()}
         for number, (message, _) in enumerate(read):
             sent_ns, known_ns = min(message.captured_ns, observation.time_ns), captured_ns.get(message.sender)
@@ -148,9 +160,7 @@ class TrackToTrack(Policy):
         if state.alignment is None:
             return frame.odom_SE3_senders([message for message, _ in read], observation)
         own = drop_unreportable(observation.detections).transform(frame.odom_SE3_base)
-        received = [
-            (message, Detections(each.tracks.boxes, each.tracks.score, each.tracks.label)) for message, each in read
-        ]
+        received = [(message, _boxes_of(each)) for message, each in read]
         return SE3Batch.of(state.alignment.place(observation, frame, own, received))
 
     def _placed(
@@ -199,3 +209,9 @@ class TrackToTrack(Policy):
             columns.append(column)
         whole = [np.pad(column, (0, len(fused) - len(column)), constant_values=ABSENT) for column in columns]
         return fused, np.column_stack(whole)
+
+
+def _boxes_of(estimates: TrackEstimates) -> Detections:
+    """Return tracks as detections with velocities."""
+    tracks = estimates.tracks
+    return Detections(tracks.boxes, tracks.score, tracks.label, velocity=tracks.velocity)

@@ -30,6 +30,7 @@ from coopsim.types.groups import DetectionGroups
 from coopsim.types.valid_detections import FARTHEST_M, drop_unreportable
 
 if TYPE_CHECKING:
+    from coopsim.defenses.defense import DefenseOption
     from coopsim.nn.covariance.covariance_net import CovarianceNet
     from coopsim.tracking.motion.constant_velocity import ConstantVelocity
 
@@ -69,12 +70,14 @@ class TrackingPolicy(Policy):
             detectors' before boxes are fused and tracked; None: the detectors'.
         velocities: send boxes with velocities, by a tracker of each sender's own, 4 bytes each. Late boxes are moved by
             them; without them, by the receiver's tracker of each sender.
+        defense: judge of the senders, such as "plausibility" (see `coopsim.defenses`); None: all are believed.
     """
 
     delayed: str = "predict"
     align: bool = False
     covariance: str | None = None
     velocities: bool = False
+    defense: DefenseOption = None
 
     def __post_init__(self) -> None:
         require_flag(align=self.align, velocities=self.velocities)
@@ -85,6 +88,7 @@ class TrackingPolicy(Policy):
         DELAYED.get(self.delayed)
         self._covariance = None if self.covariance is None else LearnedCovariance(self.covariance)
         self._states: dict[str, _AgentState] = {}
+        self.defend(self.defense)
         self.make_tracker()  # so that a wrong setting is refused here, not at the first episode
 
     @abstractmethod
@@ -134,6 +138,9 @@ class TrackingPolicy(Policy):
         received = self.read(agent, nearby_messages(observation), _decode_reportable) if reads else []
         # In the order in which they are tracked: then groups that are joined here need not be sorted later.
         received.sort(key=lambda each: each[0].sender)
+        if self.guard is not None and reads:
+            masks = self.guard.judge_boxes(observation, agent, state.frame, received, own)
+            received = [(message, boxes[mask]) for (message, boxes), mask in zip(received, masks, strict=True)]
         measured = _measurements(agent, own, received, observation, state, state.alignment if reads else None)
         return state.tracks.step(measured, observation.time_ns).transform(odom_SE3_base.inverse())
 

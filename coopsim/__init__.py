@@ -47,6 +47,9 @@ if TYPE_CHECKING:
     from coopsim.catalog import single_env as single_env
     from coopsim.data.export.export_run import check_export as check_export
     from coopsim.data.export.export_run import export as export
+    from coopsim.defenses.defense import Defense as Defense
+    from coopsim.defenses.defense import Reception as Reception
+    from coopsim.defenses.defense import Trust as Trust
     from coopsim.envs.simulated.record_episode import record as record
     from coopsim.envs.vector.make import vector as vector
     from coopsim.errors import CoopsimError as CoopsimError
@@ -61,6 +64,9 @@ register_environments()
 _HOMES = {
     "Attack": "coopsim.attacks.attack",
     "AttackerView": "coopsim.attacks.attack",
+    "Defense": "coopsim.defenses.defense",
+    "Reception": "coopsim.defenses.defense",
+    "Trust": "coopsim.defenses.defense",
     "Needs": "coopsim.agents.policy",
     "Policy": "coopsim.agents.policy",
     "benchmark": "coopsim.bench.benchmark",

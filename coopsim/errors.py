@@ -77,6 +77,10 @@ class PlannerError(CoopsimError, RuntimeError):
     """A planner raised an error, took too long, or returned something other than a finite acceleration."""
 
 
+class DefenseError(CoopsimError, RuntimeError):
+    """A defence raised an error, or answered something other than trust in [0, 1]."""
+
+
 class EpisodeStateError(CoopsimError, RuntimeError):
     """A call at the wrong moment, as `step` before `reset` or after the end."""
 

@@ -24,6 +24,7 @@ def _run_list(options: argparse.Namespace) -> int:
     from coopsim.comms.codecs.codec import CODECS
     from coopsim.comms.uplinks.uplink import UPLINKS
     from coopsim.data.export.export_format import EXPORT_FORMATS
+    from coopsim.defenses.defense import DEFENSES
     from coopsim.detection.detector import DETECTORS
     from coopsim.detection.embedder import EMBEDDERS
     from coopsim.learn.recipe import RECIPES
@@ -42,6 +43,7 @@ def _run_list(options: argparse.Namespace) -> int:
         "camera rigs": RIG_NAMES,
         "planners": PLANNERS.names(),
         "attacks": ATTACKS.names(),
+        "defenses": [_with_aliases(DEFENSES, name) for name in DEFENSES],
         "metrics": METRICS.names(),
         "rewards": REWARDS.names(),
         "export formats": [_with_aliases(EXPORT_FORMATS, name) for name in EXPORT_FORMATS],

@@ -4,6 +4,7 @@ Start at the check of your kind of part; `harness.py` has what several share.
 """
 
 from coopsim.testing.attack_checks import check_attack
+from coopsim.testing.defense_checks import check_defense
 from coopsim.testing.fusion_checks import check_fusion
 from coopsim.testing.message_checks import check_codec, check_uplink
 from coopsim.testing.metric_checks import check_metric
@@ -14,6 +15,7 @@ from coopsim.testing.policy_checks import check_policy
 __all__ = [
     "check_attack",
     "check_codec",
+    "check_defense",
     "check_detector",
     "check_embedder",
     "check_fusion",

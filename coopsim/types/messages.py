@@ -88,6 +88,7 @@ class Observation:
         sensed: flag of a frame in which sensors and detector ran; False only with the option `sense_every` > 1: there
             are no points, images or detections.
         truth: the true objects, in `track` of a policy with `Needs(truth=True)`; None everywhere else.
+        attackers: names of the senders that lie, in `track` of such a policy; None everywhere else.
     """
 
     time_ns: int
@@ -99,6 +100,7 @@ class Observation:
     inbox: tuple[Message, ...] = ()
     sensed: bool = True
     truth: GroundTruth | None = None
+    attackers: frozenset[str] | None = None
 
     def with_inbox(self, inbox: tuple[Message, ...]) -> Observation:
         """Return the observation with these messages, oldest capture first."""

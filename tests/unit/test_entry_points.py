@@ -17,7 +17,7 @@ from coopsim.detection.detector import NoDetector
 from coopsim.detection.embedder import Embedder
 from coopsim.envs import Reward
 from coopsim.metrics.metric import Metric
-from coopsim import Planner
+from coopsim import Defense, Planner, Trust
 import numpy as np
 
 class MyPolicy(LateFusion): pass
@@ -36,6 +36,9 @@ class MyReward(Reward):
 class MyPlanner(Planner):
     def plan(self, car):
         return -1.0
+class MyDefense(Defense):
+    def judge(self, reception):
+        return Trust({})
 class MyMetric(Metric):
     meaning = "one"
     def value(self, pool):
@@ -55,6 +58,8 @@ mine = plugged_in:MyCodec
 mine = plugged_in:MyEmbedder
 [coopsim.metrics]
 mine = plugged_in:MyMetric
+[coopsim.defenses]
+mine = plugged_in:MyDefense
 [coopsim.planners]
 mine = plugged_in:MyPlanner
 [coopsim.rewards]
@@ -67,19 +72,20 @@ import coopsim
 from coopsim.catalog import POLICIES, REWARDS
 from coopsim.comms.codecs.codec import CODECS
 from coopsim.comms.uplinks.uplink import UPLINKS
+from coopsim.defenses.defense import DEFENSES
 from coopsim.detection.detector import DETECTORS
 from coopsim.detection.embedder import EMBEDDERS
 from coopsim.metrics.metric import METRICS
 from coopsim.planning.planner import PLANNERS
 
-registries = [POLICIES, DETECTORS, UPLINKS, CODECS, EMBEDDERS, METRICS, REWARDS, PLANNERS]
+registries = [POLICIES, DETECTORS, UPLINKS, CODECS, EMBEDDERS, METRICS, REWARDS, PLANNERS, DEFENSES]
 for registry in registries:
     assert "mine" in registry.names(), registry.kind
 assert "plugged_in" not in sys.modules  # names are known without loading anything
 coopsim.parallel_env("crossing", lidar=None, control="planner", planner="mine")  # made at once
 names = dict.fromkeys(["uplink", "codec", "detector", "embedder"], "mine")
 env = coopsim.parallel_env("crossing", lidar=None, max_cycles=2, reward="mine(worth=3)", **names)
-policy = coopsim.make_policy("mine")
+policy = coopsim.make_policy("mine", defense="mine")
 observations, _ = env.reset(seed=0)
 policy.reset(env.agent_specs)
 names = CODECS.names()

@@ -1,0 +1,25 @@
+"""The defence that is told who lies: the upper bound of every other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from coopsim.defenses.defense import DEFENSES, Defense, Reception, Trust
+from coopsim.errors import DefenseError
+
+
+@DEFENSES.register("oracle")
+@dataclass(kw_only=True, eq=False)
+class OracleDefense(Defense):
+    """Trust in all senders but those that lie, which it is told: no competitor, so tables mark policies that have it.
+
+    It shows what finding every liar at once would be worth. What a liar says besides its lies is lost with them.
+    """
+
+    needs_truth: ClassVar[bool] = True
+
+    def judge(self, reception: Reception) -> Trust:
+        if reception.attackers is None:
+            raise DefenseError("oracle must be told who lies: let the policy act on infos that have the truth")
+        return Trust({name: float(name not in reception.attackers) for name in reception.senders})
