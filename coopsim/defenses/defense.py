@@ -23,7 +23,7 @@ LEAST_TRUST = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Claim:
-    """One message as its receiver understands it.
+    """A message as its receiver understands it.
 
     Attributes:
         message: the message as it arrived.
@@ -79,7 +79,7 @@ class Reception:
 
     @cached_property
     def own(self) -> Detections:
-        """What the receiver finds without any message, in its base frame now."""
+        """The detections that the receiver has without any message, in its base frame now."""
         return self.find(())
 
     @property
