@@ -32,6 +32,7 @@ from coopsim.errors import EpisodeStateError, InvalidValueError, RecordingError,
 from coopsim.metrics.drive_log import DriveLog
 from coopsim.metrics.score import Score, summarize
 from coopsim.metrics.track_log import TrackLog
+from coopsim.metrics.trust_log import TrustLog
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import fresh_seed, require_seed
 from coopsim.types import NS_PER_S, AgentSpec, CameraImage, Tracks
@@ -191,6 +192,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             self._source.region_m,
         )
         self._drives = DriveRecorder(self._frame, self._source.conflicts)
+        self._trusts: dict[str, TrustLog] = {}
         self.agents = list(self._frame.agents)
         self._rewards.begin(self.agent_specs, self._options.match_iou, self._source.region_m, seed)
         self._view.begin(self.road_map, self._frame)
@@ -269,6 +271,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
                     false_positives=self._options.false_positives,
                     bytes_per_s=self.bytes_per_s(name),
                     drives=[self.drives[name]] if name in self.drives else [],
+                    trusts=[self._trusts[name]] if name in self._trusts else [],
                 )
                 for name, log in logs.items()
             }
@@ -279,6 +282,17 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         """Reported tracks and ground truth, by agent; scores of many episodes pool these."""
         self._current()
         return {name: evaluator.log for name, evaluator in self._scorer.evaluators.items()}
+
+    def note_trust(self, agent: str, trust: Mapping[str, float], passes: int) -> None:
+        """Note an agent's trust in its senders in this frame, for metrics of finding those that lie.
+
+        Args:
+            agent: the receiver.
+            trust: its trust by sender, see `Policy.trust`.
+            passes: passes of the policy that its defence asked for.
+        """
+        attackers = {sender for lie in self.lies for sender in lie.senders}
+        self._trusts.setdefault(agent, TrustLog()).append(trust, attackers, passes)
 
     @property
     def drives(self) -> dict[str, DriveLog]:

@@ -41,6 +41,7 @@ class _Receiver:
     rng: np.random.Generator
     trust: dict[str, float] = field(default_factory=dict)
     known: frozenset[int] = frozenset()
+    passes: int = 0
 
 
 Heard = Sequence[tuple[Message, Detections]]
@@ -86,6 +87,10 @@ class Guard:
         """Return the trust of a receiver in each sender that it has heard, as of its last frame."""
         return dict(self._receivers[agent].trust)
 
+    def passes(self) -> dict[str, int]:
+        """Return how many passes of the policy each receiver's defence asked for in its last frame."""
+        return {name: receiver.passes for name, receiver in self._receivers.items()}
+
     def believes(self, agent: str, sender: str) -> bool:
         """Return whether a receiver believes a sender now; one that it has not heard is believed."""
         return self._receivers[agent].trust.get(sender, 1.0) >= LEAST_TRUST
@@ -116,6 +121,7 @@ class Guard:
             DefenseError: the defence raised, or answered something other than `Trust`.
         """
         receiver, started = self._receivers[agent], time.perf_counter()
+        receiver.passes = 0
         if not observation.sensed:  # there is nothing to compare with: trust stays
             return [np.full(len(found), self.believes(agent, message.sender)) for message, found in heard]
         reception = Reception(
@@ -123,7 +129,7 @@ class Guard:
             observation=observation,
             odom_SE3_base=frame.odom_SE3_base,
             claims=_claims(observation, frame, heard, receiver.known, features),
-            find=_Once(find, self._counts),
+            find=(ask := _Once(find)),
             rng=receiver.rng,
             own_features=partial(features, -1),
             fuses_maps=fuses_maps,
@@ -132,6 +138,8 @@ class Guard:
         receiver.known = frozenset(hash(message.identity) for message, _ in heard)
         trust = checked_trust(_ask(receiver.defense, reception), reception)
         receiver.trust = _newest(receiver.trust, dict.fromkeys(reception.senders, 1.0) | dict(trust.senders))
+        receiver.passes = len(ask.known)
+        self._counts[PASSES] += receiver.passes
         self.seconds += time.perf_counter() - started
         self._counts[ASKED] += 1
         believed = [self._trusted(agent, claim, trust, k) for k, claim in enumerate(reception.claims)]
@@ -163,18 +171,17 @@ class Guard:
 
 
 class _Once:
-    """The function `find` of one frame, which computes each answer once and counts them."""
+    """The function `find` of one frame, which computes each answer once."""
 
-    def __init__(self, find: Find, counts: Counter[str]) -> None:
-        self._find, self._counts = find, counts
-        self._known: dict[frozenset[str], Detections] = {}
+    def __init__(self, find: Find) -> None:
+        self._find = find
+        self.known: dict[frozenset[str], Detections] = {}
 
     def __call__(self, senders: Collection[str]) -> Detections:
         asked = frozenset(senders)
-        if asked not in self._known:
-            self._known[asked] = self._find(asked)
-            self._counts[PASSES] += 1
-        return self._known[asked]
+        if asked not in self.known:
+            self.known[asked] = self._find(asked)
+        return self.known[asked]
 
 
 def _claims(

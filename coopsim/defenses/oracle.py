@@ -14,12 +14,17 @@ from coopsim.errors import DefenseError
 class OracleDefense(Defense):
     """Trust in all senders but those that lie, which it is told: no competitor, so tables mark policies that have it.
 
-    It shows what finding every liar at once would be worth. What a liar says besides its lies is lost with them.
+    A sender that has lied is believed no more. It shows what finding every liar at once would be worth; what a liar
+    says besides its lies is lost with them.
     """
 
     needs_truth: ClassVar[bool] = True
 
+    def __post_init__(self) -> None:
+        self._lied: frozenset[str] = frozenset()
+
     def judge(self, reception: Reception) -> Trust:
         if reception.attackers is None:
             raise DefenseError("oracle must be told who lies: let the policy act on infos that have the truth")
-        return Trust({name: float(name not in reception.attackers) for name in reception.senders})
+        self._lied |= reception.attackers & frozenset(reception.senders)  # a lie may be on its way for a while
+        return Trust({name: float(name not in self._lied) for name in reception.senders})

@@ -14,6 +14,7 @@ import numpy as np
 from coopsim.metrics.average_precision import AP_THRESHOLDS
 from coopsim.metrics.clear import Clear, RecallSweep
 from coopsim.metrics.driving import DRIVING
+from coopsim.metrics.finding import FINDING
 from coopsim.metrics.log_pool import LogPool
 from coopsim.metrics.matching import NEAR_M
 from coopsim.metrics.metric import METRICS, Metric, SweepMetric
@@ -190,6 +191,7 @@ BUILT_IN: Mapping[str, Metric] = {
         whole_only=True,
     ),
     **DRIVING,
+    **FINDING,
 }
 
 for _name, _metric in BUILT_IN.items():

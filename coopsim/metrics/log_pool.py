@@ -14,6 +14,7 @@ from coopsim.metrics.drive_log import DriveLog
 from coopsim.metrics.hota_idf1 import Hota, Identity, count_hota, count_identity
 from coopsim.metrics.matching import NumberedSequence
 from coopsim.metrics.track_log import FlatLog, TrackLog
+from coopsim.metrics.trust_log import TrustLog
 from coopsim.types.taxonomy import CLASS_NAMES, Superclass
 
 BANDS_M: Mapping[str, tuple[float, float]] = {"0-30 m": (0, 30), "30-50 m": (30, 50), "50-100 m": (50, 100)}
@@ -28,6 +29,7 @@ class LogPool:
         superclass_logs: logs with the pairs of one superclass; None: those of `logs`.
         bytes_per_s: bytes that the agent broadcasts per second; None: not known.
         drives: logs of drives, one per sequence in which the agent's car was driven by its policy.
+        trusts: logs of the agent's trust in its senders, one per sequence with a defence.
     """
 
     def __init__(
@@ -36,17 +38,25 @@ class LogPool:
         superclass_logs: Iterable[FlatLog] | None = None,
         bytes_per_s: float | None = None,
         drives: Iterable[DriveLog] = (),
+        trusts: Iterable[TrustLog] = (),
     ) -> None:
         self.logs: Sequence[FlatLog] = tuple(logs)
         self.superclass_logs = self.logs if superclass_logs is None else tuple(superclass_logs)
         self.bytes_per_s = bytes_per_s
         self.drives: Sequence[DriveLog] = tuple(log for log in drives if len(log))
+        self.trusts: Sequence[TrustLog] = tuple(log for log in trusts if log.frames)
 
     @classmethod
-    def of(cls, logs: Iterable[TrackLog], bytes_per_s: float | None = None, drives: Iterable[DriveLog] = ()) -> LogPool:
-        """Pool the logs of evaluators, and those of drives."""
+    def of(
+        cls,
+        logs: Iterable[TrackLog],
+        bytes_per_s: float | None = None,
+        drives: Iterable[DriveLog] = (),
+        trusts: Iterable[TrustLog] = (),
+    ) -> LogPool:
+        """Pool the logs of evaluators, those of drives, and those of trust."""
         pools = [log.flat() for log in logs]
-        return cls([pool.by_class() for pool in pools], pools, bytes_per_s, drives)
+        return cls([pool.by_class() for pool in pools], pools, bytes_per_s, drives, trusts)
 
     @cached_property
     def drive_events(self) -> tuple[DriveEvents, ...]:

@@ -18,6 +18,7 @@ from coopsim.metrics.driving import DRIVING_SHOWN
 from coopsim.metrics.log_pool import LogPool
 from coopsim.metrics.metric import PRIMARY_METRIC, SweepMetric
 from coopsim.metrics.track_log import FlatLog, TrackLog
+from coopsim.metrics.trust_log import TrustLog
 from coopsim.support.checks import require_choice
 from coopsim.types.taxonomy import Superclass
 
@@ -152,6 +153,7 @@ def summarize(
     false_positives: FalsePositives = "count",
     bytes_per_s: float | None = None,
     drives: Sequence[DriveLog] = (),
+    trusts: Sequence[TrustLog] = (),
 ) -> Score:
     """Score one agent over any number of sequences, pooled, by every registered metric.
 
@@ -162,12 +164,13 @@ def summarize(
         bytes_per_s: broadcast by the agent per second; None: the score has no such value.
         drives: one per sequence in which the agent's car was driven by its policy; empty: the score has no values of
             driving.
+        trusts: one per sequence in which the agent had a defence; empty: the score has no values of finding attackers.
 
     Raises:
         UnknownNameError: `false_positives` is neither "count" nor "ignore".
     """
     require_choice("false_positives", false_positives, ("count", "ignore"))
-    pool = LogPool.of(logs, bytes_per_s, drives)
+    pool = LogPool.of(logs, bytes_per_s, drives, trusts)
     parts: dict[str, Any] = {
         name: {child: _score(part) for child, part in getattr(pool, name).items()} for name in _PARTS
     }
