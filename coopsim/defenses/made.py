@@ -13,7 +13,7 @@ from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.iou import iou_bev
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_count, require_positive, require_probability
-from coopsim.types import Detections, FeatureMap
+from coopsim.types import Detections, FeatureMap, Mask
 
 _PATCH, _FEWEST = 3, 64
 """Cells along each side of a patch of a map, and fewest patches of which something can be said."""
@@ -111,12 +111,12 @@ def adjusted(values: Sequence[float]) -> float:
 def _patches(content: FeatureMap) -> Floats | None:
     """Return patches (P, D) of a map whose cells all came, of those that hold something; None: there are too few."""
     values = content.values.astype(np.float64)
-    known = np.ones(values.shape[1:], np.bool_) if content.sent is None else content.sent
-    known = np.lib.stride_tricks.sliding_window_view(known, (_PATCH, _PATCH)).all(axis=(2, 3))
+    sent = np.ones(values.shape[1:], np.bool_) if content.sent is None else content.sent
+    known: Mask = np.lib.stride_tricks.sliding_window_view(sent, (_PATCH, _PATCH)).all(axis=(2, 3))
     if content.confidence is not None:
         middle = content.confidence[1:-1, 1:-1]
         surest = np.sort(middle[known])[-_MOST_PATCHES:]
-        known = np.asarray(known & (middle >= (surest[0] if len(surest) else 0.0)))
+        known = known & (middle >= (surest[0] if len(surest) else 0.0))
     rows, columns = np.nonzero(known)
     if len(rows) < _FEWEST:
         return None
