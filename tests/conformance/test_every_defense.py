@@ -15,6 +15,7 @@ from coopsim.defenses.defense import DEFENSES, make_defense
 from coopsim.errors import DefenseError, InvalidValueError, UnknownNameError
 from coopsim.testing import check_defense
 
+SENSORS: dict[str, Any] = {"lidar": "VLP-16", "lidar_columns": 256}
 QUICK: dict[str, Any] = {"seed": 1, "max_cycles": 8, "vehicles": 8, "lidar": None}
 
 
@@ -161,6 +162,43 @@ def test_oracle_is_told_who_lies_and_nobody_else_is() -> None:
         coopsim.evaluate(policy, "crossing", **QUICK)
         assert set(told) == {expected}
     assert coopsim.evaluate("late_fusion(defense=oracle)", "crossing", **QUICK).bound
+
+
+def test_no_defense_but_the_oracle_learns_who_lies() -> None:
+    """Trust is the same whoever is said to lie in the truth that infos hold."""
+    env = coopsim.parallel_env(
+        "crossing", max_cycles=6, vehicles=8, expose_ground_truth=True, attacks={"cav_1": "ghost"}, **SENSORS
+    )
+    policies = {name: [coopsim.make_policy("late_fusion", defense=name) for _ in range(2)] for name in DEFENSES.names()}
+    observations, infos = env.reset(seed=1)
+    for both in policies.values():
+        for policy in both:
+            policy.reset(env.agent_specs)
+    differing = set()
+    while env.agents:
+        assert {infos[agent]["attackers"] for agent in env.agents} == {("cav_1",)}
+        shuffled = {agent: {**info, "attackers": ("cav_2",)} for agent, info in infos.items()}
+        for name, (told, misled) in policies.items():
+            actions = told.act(observations, infos)
+            misled.act(observations, shuffled)
+            if any(told.trust(agent) != misled.trust(agent) for agent in env.agents):
+                differing.add(name)
+        observations, _, _, _, infos = env.step(actions)
+    assert differing == {"oracle"}
+    assert policies["oracle"][0].trust("cav_0")["cav_1"] == 0
+
+
+def test_a_ghost_in_plain_sight_is_left_out_and_its_sender_found() -> None:
+    found = {}
+    for defense in ("consistency", "oracle"):
+        policy = coopsim.make_policy("late_fusion", defense=defense)
+        attacks = {"cav_1": "ghost"}
+        found[defense] = coopsim.evaluate(policy, "crossing", seed=502, max_cycles=40, attacks=attacks).score
+    plain = coopsim.evaluate("late_fusion", "crossing", seed=502, max_cycles=40, attacks=attacks).score
+    assert found["consistency"]["sAMOTA"] > plain["sAMOTA"]
+    assert found["consistency"]["attacker_FPR"] < 5 < found["consistency"]["attacker_TPR"]
+    assert found["oracle"]["attacker_TPR"] == found["oracle"]["attacker_AUC"] == 100
+    assert found["oracle"]["frames_until_found"] == 0
 
 
 def test_errors_name_what_was_wrong(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from test_clear import Frame, evaluate
 
 from coopsim.metrics.built_in import BUILT_IN, BYTES
 from coopsim.metrics.driving import DRIVING
+from coopsim.metrics.finding import FINDING
 from coopsim.metrics.score import Score
 
 PERFECT: list[Frame] = [({1: 0}, {9: 0})] * 100
@@ -29,7 +30,7 @@ def mean_of(*agents: list[Frame]) -> Score:
 @pytest.mark.parametrize("lonely", [GHOSTS, SILENT])
 def test_an_agent_without_objects_stays_out_of_the_mean(lonely: list[Frame]) -> None:
     alone, both = mean_of(PERFECT), mean_of(PERFECT, lonely)
-    for name in set(BUILT_IN) - DEFINED - set(DRIVING):
+    for name in set(BUILT_IN) - DEFINED - set(DRIVING) - set(FINDING):
         assert both[name] == alone[name], name
         assert math.isnan(both.agents["cav_1"][name]), name
     assert both.all_tracks["MOTA"] == 100 and math.isnan(both.agents["cav_1"].all_tracks["MOTA"])
@@ -41,7 +42,7 @@ def test_an_agent_without_objects_stays_out_of_the_mean(lonely: list[Frame]) -> 
 def test_without_any_object_nothing_is_defined_but_counts() -> None:
     score = mean_of(GHOSTS, SILENT)
     undefined = {name for name, value in score.values.items() if math.isnan(value)}
-    assert undefined == set(BUILT_IN) - DEFINED - set(DRIVING) and score["FP"] == 50
+    assert undefined == set(BUILT_IN) - DEFINED - set(DRIVING) - set(FINDING) and score["FP"] == 50
     row = score.table().splitlines()[2].split()
     assert row[:2] == ["all", "-"] and "nan" not in score.table()
     content = json.loads(json.dumps(score.to_dict(), allow_nan=False))
