@@ -116,7 +116,7 @@ def _patches(content: FeatureMap) -> Floats | None:
     if content.confidence is not None:
         middle = content.confidence[1:-1, 1:-1]
         surest = np.sort(middle[known])[-_MOST_PATCHES:]
-        known = known & (middle >= (surest[0] if len(surest) else 0.0))
+        known &= middle >= (float(surest[0]) if len(surest) else 0.0)
     rows, columns = np.nonzero(known)
     if len(rows) < _FEWEST:
         return None

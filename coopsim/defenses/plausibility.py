@@ -144,6 +144,6 @@ class _Place:
 _AHEAD_S = 0.1
 """Largest time by which a stamp may be in the future: agents' clocks differ."""
 
-_LARGEST_M, _SMALLEST_M = np.array([30.0, 5.0, 6.0]), np.array([0.1, 0.1, 0.1])
+_LARGEST_M, _SMALLEST_M = np.array([38.0, 6.0, 8.0]), np.array([0.1, 0.1, 0.1])
 """Bounds of length, width and height: long trucks have 25.25 x 2.55 x 4 m (Council Directive 96/53/EC), and detectors
-err."""
+err by half, in height by more."""
