@@ -112,7 +112,7 @@ def _patches(content: FeatureMap) -> Floats | None:
     """Return patches (P, D) of a map whose cells all came, of those that hold something; None: there are too few."""
     values = content.values.astype(np.float64)
     sent = np.ones(values.shape[1:], np.bool_) if content.sent is None else content.sent
-    known: Mask = np.lib.stride_tricks.sliding_window_view(sent, (_PATCH, _PATCH)).all(axis=(2, 3))
+    known: Mask = np.asarray(np.lib.stride_tricks.sliding_window_view(sent, (_PATCH, _PATCH)).all(axis=(2, 3)))
     if content.confidence is not None:
         middle = content.confidence[1:-1, 1:-1]
         surest = np.sort(middle[known])[-_MOST_PATCHES:]
