@@ -105,7 +105,7 @@ def _play(attacks: Any, content: str) -> list[_Frame]:
     form = ObservationFormat.to_unpack(env.agent_specs)
     observations, _ = env.reset(seed=_SEED)
     policy.reset(env.agent_specs, seed=_SEED)
-    frames = [(form.unpack_all(observations), env.lies)]
+    frames: list[_Frame] = [(form.unpack_all(observations), env.lies)]
     while env.agents:
         observations, *_ = env.step(policy.act(observations))
         frames.append((form.unpack_all(observations), env.lies))
