@@ -146,7 +146,8 @@ def make_uplinks(
 
     Raises:
         UnknownNameError: there is no such uplink, or no such codec for it.
-        InvalidValueError: the uplink has no choice of codecs, or cannot be kept within a budget.
+        InvalidValueError: the uplink has no choice of codecs, cannot be kept within a budget, or is the action's while
+            there are attacks.
     """
     make, decoded = uplink_factory(options.uplink, options.codec), DecodeOnce()
     select = SELECTIONS.get(options.selection)
@@ -161,6 +162,8 @@ def make_uplinks(
         uplink = uplinks[name] = make(spec, stream(seed, "uplink", name))
         _require_uplink(uplink, options.codec)
         if isinstance(uplink, SaidByAction):
+            if options.attacks:
+                raise InvalidValueError('attacks cannot be combined with uplink="action": there the action itself lies')
             uplink.budget_bytes = options.budget_bytes
         uplink.begin(spec, stream(seed, "uplink state", name))
     sending: dict[Uplink, Uplink] = {}

@@ -14,10 +14,12 @@ from gymnasium.utils.env_checker import check_env
 from pettingzoo.test import parallel_api_test
 
 import coopsim
+from coopsim.agents.boxes import LateFusion
 from coopsim.comms.codecs.codec import decoder
 from coopsim.comms.envelope import decode_detections
+from coopsim.comms.uplinks.by_action import SaidByAction
 from coopsim.errors import InvalidActionError, InvalidValueError, UnknownNameError
-from coopsim.types import Detections, Observation, Tracks
+from coopsim.types import AgentSpec, Detections, Observation, Tracks
 from coopsim.wire.actions import pack_tracks
 from coopsim.wire.observation_format import ObservationFormat
 
@@ -251,3 +253,26 @@ def test_a_vector_takes_messages() -> None:
     _, rewards, *_ = made.step({"score": np.ones((2, 64), np.float32)})
     assert rewards.shape == (2,)
     made.close()
+
+
+class Brief(LateFusion):
+    """Says its surest detection only."""
+
+    def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> SaidByAction:
+        return SaidByAction()
+
+    def speak(self, agent: str, observation: Observation) -> dict[str, Any]:
+        score = observation.detections.score
+        return scores(*(score == score.max(initial=1e-9)).astype(float)[:64])
+
+
+def test_a_policy_that_speaks_is_evaluated_as_any_other() -> None:
+    brief = coopsim.evaluate(Brief(), "crossing", seed=3, **SHORT)
+    whole = coopsim.evaluate("late_fusion", "crossing", seed=3, **SHORT)
+    assert 0 < brief.score["bytes_per_s"] < whole.score["bytes_per_s"]
+    assert brief.messages.delivered > 0
+
+
+def test_attacks_are_refused_where_actions_may_lie() -> None:
+    with pytest.raises(InvalidValueError, match=r"attacks cannot be combined with uplink=.action."):
+        coopsim.parallel_env("crossing", uplink="action", attacks={"cav_1": "ghost"}, **SHORT)
