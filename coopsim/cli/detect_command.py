@@ -69,6 +69,8 @@ def _add_detect(parser: argparse.ArgumentParser) -> None:
     add("--json", type=Path, metavar="OUT", help="write the rows here; episodes go to OUT.episodes, and are run once")
     add("--episodes", type=Path, metavar="FOLDER", help="of the episodes that several tables share, such as protocols'")
     add("--table", action="store_true", help="print the rows as a Markdown table, also with --json")
+    add("--by-range", action="store_true", help="print average precision by range and class below it")
+    add("--pictures", type=Path, metavar="FOLDER", help="draw each measured sweep of recordings here, from above")
 
 
 def noises(text: str) -> tuple[tuple[float, float], ...]:
@@ -88,11 +90,18 @@ def _run_detect(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from coopsim.bench.detect.detect import markdown_table, measure_detection
+    from coopsim.bench.detect.range_table import range_table, require_ranges
+    from coopsim.bench.detect.sweep_pictures import draw_measured, require_recordings
     from coopsim.bench.engine.engine import Engine
 
     plan, out = _plan(options), options.json
     if out is not None:
         require_writable(out)
+    if options.by_range:
+        require_ranges(plan.protocol)
+    if options.pictures is not None:
+        require_recordings(plan)
+        options.episodes = _folder(options) or options.pictures / "episodes"
     rows: list[dict[str, Any]] = []
     failed, interrupted = 0, False
     with tqdm(total=1, unit="episode", disable=None, desc="detect") as bar:
@@ -116,6 +125,10 @@ def _run_detect(options: argparse.Namespace) -> int:
             interrupted = True
     if options.table or out is None:
         print(markdown_table(rows))
+    for row in rows if options.by_range else ():
+        print(f"\n{range_table(row)}")
+    for path in draw_measured(plan, _folder(options), options.pictures) if options.pictures else ():
+        print(f"written: {path}")
     if out is not None:
         print(f"written: {out}", file=sys.stderr)
     return _conclude(failed, interrupted, rows, out)

@@ -8,16 +8,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coopsim.cli.arguments import INTERRUPTED, Command, add_options, count, count_or_zero, named_options
+from coopsim.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from tqdm import tqdm
 
     from coopsim.learn.loop.train_loop import TrainingProgress
+    from coopsim.learn.recipe import TrainingRecipe
 
 
 def _add_train(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("recipe", metavar="RECIPE", help="name of a shipped recipe (pillars, attfuse, ...), or path of a YAML file")
+    add(
+        "recordings",
+        nargs="*",
+        metavar="FOLDER",
+        help="train on recordings with sweeps, as of a data set, in the place of the recipe's world",
+    )
+    add("--start", metavar="WEIGHTS", help="begin with these, by name or path, as pillars (default: the recipe's)")
     add("--out", type=Path, required=True, metavar="DIR", help="for checkpoint, weights, card, log and curves")
     add("--seed", type=count_or_zero, default=0, help="of first weights and samples (default: %(default)s)")
     add("--steps", type=count, help="of the optimizer (default: the recipe's)")
@@ -30,11 +39,7 @@ def _add_train(parser: argparse.ArgumentParser) -> None:
 def _run_train(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
-    from coopsim.learn.recipe import find_recipe
-
-    recipe = find_recipe(options.recipe).changed(**named_options(options, {"steps": "--steps"}))
-    if options.steps is not None:
-        recipe = recipe.changed(steps=options.steps)
+    recipe = _recipe(options)
     import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
     from coopsim.learn.train import train
 
@@ -57,6 +62,20 @@ def _run_train(options: argparse.Namespace) -> int:
     for path in (weights, *(options.out / name for name in ("card.json", "curves.svg"))):
         print(f"written: {path}")
     return 0
+
+
+def _recipe(options: argparse.Namespace) -> TrainingRecipe:
+    from coopsim.catalog import is_recordings_folder
+    from coopsim.learn.recipe import find_recipe
+
+    for folder in options.recordings:
+        if not is_recordings_folder(folder):
+            raise InvalidValueError(f"FOLDER must be a folder of recordings with sweeps, got {folder!r}")
+    flags = {"steps": "--steps", "start": "--start"}
+    world = {"world": {"environments": options.recordings}} if options.recordings else {}
+    given = {"steps": options.steps, "start": options.start, **world}
+    recipe = find_recipe(options.recipe).changed(**{name: each for name, each in given.items() if each is not None})
+    return recipe.changed(**named_options(options, flags))
 
 
 def _kept(folder: Path) -> str:

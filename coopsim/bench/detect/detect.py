@@ -94,6 +94,7 @@ def row_of(
         "objects": sum(part[_MAIN].objects for part in rankings),
         "only_together": _only_together(episodes),
         **_beside(plan.protocol, [each.beside for each in measured]),
+        "objects_of": counts_of(rankings),
         "intervals": intervals_of(protocol, rankings),
     }
 
@@ -113,6 +114,12 @@ def _beside(protocol: str, parts: Sequence[Mapping[str, Ranking]]) -> dict[str, 
     """Return the metrics of the protocol that stands beside another, under its name."""
     beside = _BESIDE.get(protocol)
     return {} if beside is None else {beside: metrics_of(PROTOCOLS.get(beside)(), parts)}
+
+
+def counts_of(parts: Sequence[Mapping[str, Ranking]]) -> dict[str, int]:
+    """Return the numbers of objects behind the main metric of each kind and part, by the end of its name."""
+    names = [name for name in parts[0] if name.startswith(_MAIN)]
+    return {name.removeprefix(_MAIN): sum(part[name].objects for part in parts) for name in names}
 
 
 def metrics_of(protocol: Protocol, parts: Sequence[Mapping[str, Ranking]]) -> dict[str, float | None]:

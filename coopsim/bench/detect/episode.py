@@ -7,13 +7,14 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.evaluate import listening_env
+from coopsim.catalog import is_recordings_folder
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D, covers
 from coopsim.support.checks import require_choice
@@ -174,6 +175,7 @@ def perceive_episode(
     made = {**options, "max_cycles": pace.cycles, "expose_ground_truth": True}
     env = listening_env(environment, policy, made)
     try:
+        pace = pace_in(environment, env, pace)
         names = receiving(env, receivers)
         observations, infos = env.reset(seed=seed)
         policy.reset(env.agent_specs, seed=derived_seed(seed, "policy"))
@@ -204,6 +206,12 @@ def perceive_episode(
         )
     finally:
         env.close()
+
+
+def pace_in(environment: str, env: CooperativeEnv, pace: Pace) -> Pace:
+    """Return the pace in an environment: in recordings of one agent no message is waited for, so no frame is lost."""
+    alone = is_recordings_folder(environment) and len(env.possible_agents) == 1
+    return replace(pace, warm_up=0) if alone else pace
 
 
 def receiving(env: CooperativeEnv, receivers: str) -> list[str]:

@@ -60,11 +60,11 @@ class CoopsimProtocol(Protocol):
     | rank | all frames together; equal scores are one step of the curve; area of all points |
     | kinds | vehicles (car, van, truck, bus) as one; `people` (pedestrian, child) |
     | | `riders` (motorcycle, bicycle, scooter); `vulnerable` (people and riders as one); each class by itself |
-    | `own`, `others_only` | vehicles that the receiver has returns from, or only others |
-    | `5_returns` | vehicles with five returns or more of all agents together: less can hardly be placed by anybody |
-    | bands | vehicles by distance of their centre over ground: `0-30m`, `30-50m`, `50-100m` |
+    | `own`, `others_only` | vehicles, people or riders that the receiver has returns from, or only others |
+    | `5_returns` | those with five returns or more of all agents together: less can hardly be placed by anybody |
+    | bands | these by distance of their centre over ground: `0-30m`, `30-50m`, `50-100m` |
 
-    Of a part of the vehicles: they are matched among all vehicles; detections on the others are left out, and
+    Of a part of a kind: its objects are matched among all of the kind; detections on the others are left out, and
     detections on nothing all count against the part, or in a band those within it.
     """
 
@@ -75,6 +75,7 @@ class CoopsimProtocol(Protocol):
         " vulnerable": (*PEOPLE, *RIDERS),
         **{f" {each.title}": (each,) for each in ObjectClass},
     }
+    parted = ("", " people", " riders")
     seen_by: ClassVar[Mapping[str, int]] = {" own": 0, " others_only": 1}
     least_returns = 5
     bands_m = ((0.0, 30.0), (30.0, 50.0), (50.0, 100.0))
@@ -89,9 +90,9 @@ class CoopsimProtocol(Protocol):
                     object_of = overlaps.matched_by_score(found, truth, view, least, listed=False)
                     name = f"AP{view}@{least:g}"
                     made[name + kind] = ranked(overlaps, object_of, found, truth)
-                    if not kind:
+                    if kind in self.parted:
                         parts = self._parts(overlaps, object_of, found, truth)
-                        made |= {name + part: ranking for part, ranking in parts.items()}
+                        made |= {name + kind + part: ranking for part, ranking in parts.items()}
         return made
 
     def values(self, rankings: Mapping[str, Ranking]) -> dict[str, float]:
@@ -115,7 +116,7 @@ class CoopsimProtocol(Protocol):
         return among(there.found_label, classes) & there.found_in_region & ~on_ignored, truth
 
     def _parts(self, overlaps: Overlaps, object_of: Ints, found: Mask, truth: Mask) -> dict[str, Ranking]:
-        """Return the rankings of parts of the vehicles, by the end of their metrics' names."""
+        """Return the rankings of parts of a kind of objects, by the end of their metrics' names."""
         there, hit = overlaps.perceived, object_of >= 0
         away_m, found_away_m = distances(there.true_box), distances(there.found_box)
         everywhere = np.ones(len(hit), np.bool_)
