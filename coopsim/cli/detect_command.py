@@ -127,7 +127,7 @@ def _run_detect(options: argparse.Namespace) -> int:
         print(markdown_table(rows))
     for row in rows if options.by_range else ():
         print(f"\n{range_table(row)}")
-    for path in draw_measured(plan, _folder(options), options.pictures) if options.pictures else ():
+    for path in draw_measured(plan, options.episodes, options.pictures) if options.pictures else ():
         print(f"written: {path}")
     if out is not None:
         print(f"written: {out}", file=sys.stderr)

@@ -28,10 +28,11 @@ def range_table(row: Mapping[str, Any]) -> str:
     """Format one row of the protocol coopsim as a Markdown table, with numbers of objects in brackets.
 
     A cell has average precision in BEV at IoU 0.3, 0.5 and 0.7, of people, riders and single classes 0.3 and 0.5.
-    Kinds without an object are left out, and a class of which there is one kind only.
+    Kinds, classes and bands without an object are left out.
     """
-    bands = [f" {near_m:g}-{far_m:g}m" for near_m, far_m in CoopsimProtocol.bands_m]
     counts: Mapping[str, int] = row["objects_of"]
+    bands = [f" {near_m:g}-{far_m:g}m" for near_m, far_m in CoopsimProtocol.bands_m]
+    bands = [band for band in bands if any(counts.get(f"{kind}{band}") for kind in KINDS)]
     lines = []
     for kind in (*KINDS, *_CLASSES):
         if counts.get(kind):
