@@ -6,8 +6,8 @@ r"""Measure detectors on labelled real sweeps, fine-tune them on few, and remake
 
 The folder has plain arrays, a frame a file, as docs/reference/replay.md describes. Without `--curve` the shipped
 detector is measured: the page's tables by range and class, and a picture of each frame. With it, detectors are trained
-on 1, 2, ... of the frames, from shipped weights and from nothing, and each is measured on a frame that it was not
-trained on: every frame is held out once, and the hits of all are ranked together.
+on some of the frames, from shipped weights, alone or beside drawn towns, and from nothing. Each is measured on a frame
+that it was not trained on: every frame is held out once, and the hits of all are ranked together.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from __future__ import annotations
 import argparse
 import json
 import re
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,12 +29,15 @@ from coopsim.bench.detect.protocols import PROTOCOLS
 from coopsim.bench.detect.range_table import range_table
 from coopsim.bench.detect.sweep_pictures import draw_measured
 from coopsim.bench.engine.engine import Engine
-from coopsim.cli.arguments import count, names
+from coopsim.cli.arguments import count, names, numbers
 from coopsim.support.files import write_whole
 
 PROTOCOL, WITHIN_M = "coopsim", 50.0
 OPTIONS = {"ground_truth": "visible", "region_x_m": WITHIN_M, "region_y_m": WITHIN_M}
 SHOWN = ("APBEV@0.3", "APBEV@0.5", "APBEV@0.7", "APBEV@0.3 people", "APBEV@0.3 riders")
+
+SHIPPED, BESIDE_TOWNS, NOTHING = TRAININGS = ("shipped", "shipped, beside towns", "nothing")
+"""Weights that a training begins with, and whether half of its clips are of drawn towns."""
 
 SHIPPED_RATE, FIRST_RATE = 5e-4, 2e-3
 """Highest learning rates from shipped weights and from nothing; the latter is the recipe's."""
@@ -57,48 +59,54 @@ class Tuning:
     steps: int
     first_steps: int
 
-    def train(self, folder: Path, start: str | None, out: Path) -> Path:
-        """Train on all frames of a folder; return the path of the weights."""
+    def train(self, folder: str, title: str, out: Path) -> Path:
+        """Train on all frames of a folder, as one of `TRAININGS`; return the path of the weights."""
         from coopsim.learn.recipe import find_recipe
         from coopsim.learn.train import train
 
+        start = None if title == NOTHING else self.detector
         recipe = find_recipe(self.detector).changed(
             start=start,
             steps=self.steps if start else self.first_steps,
             lr=SHIPPED_RATE if start else FIRST_RATE,
             batch=2,
             block=4,
-            world={"environments": [str(folder)], "frames": 1},
+            world={"environments": ["town", folder] if title == BESIDE_TOWNS else [folder], "frames": 1},
         )
         return train(recipe, out, workers=0)
 
     def curve(self, frames: Sequence[Path], keep: Path) -> Iterator[dict[str, Any]]:
         """Yield a row for each number of frames and each start; finished ones are read from the folder `keep`."""
-        yield _row("shipped", 0, dict.fromkeys(frames, self.detector))
-        for number in self.counts:
-            for title, start in (("shipped", self.detector), ("nothing", None)):
-                done = keep / f"{title}-{number}.json"
+        yield _row(SHIPPED, 0, dict.fromkeys(frames, self.detector), keep)
+        for title in TRAININGS:
+            for number in self.counts:
+                done = keep / f"{_file_name(title)}-{number}.json"
                 if not done.is_file():
-                    made = {frame: self._weights(frames, frame, number, start, keep) for frame in frames}
-                    found = {frame: f"{self.detector}(weights={path})" for frame, path in made.items()}
-                    write_whole(done, json.dumps(_row(title, number, found)))
+                    made = {frame: self._weights(frames, frame, number, title, keep) for frame in frames}
+                    found = {frame: f"{self.detector}(weights={str(path)!r})" for frame, path in made.items()}
+                    write_whole(done, json.dumps(_row(title, number, found, keep)))
                 yield json.loads(done.read_text())
 
-    def _weights(self, frames: Sequence[Path], held_out: Path, number: int, start: str | None, keep: Path) -> Path:
+    def _weights(self, frames: Sequence[Path], held_out: Path, number: int, title: str, keep: Path) -> Path:
         others = [frame for frame in frames if frame != held_out]
         rng = np.random.default_rng(frames.index(held_out))
         chosen = [others[k] for k in rng.permutation(len(others))[:number]]  # fewer are a part of more
-        out = keep / f"{held_out.stem}-{number}-{'shipped' if start else 'nothing'}"
-        with linked(chosen) as folder:
-            return self.train(Path(folder), start, out)
+        return self.train(linked(chosen, keep), title, keep / f"{held_out.stem}-{number}-{_file_name(title)}")
 
 
-def linked(frames: Iterable[Path]) -> tempfile.TemporaryDirectory[str]:
-    """Return a folder of links to some frames."""
-    folder = tempfile.TemporaryDirectory()
+def _file_name(title: str) -> str:
+    return re.sub(r"\W+", "_", title)
+
+
+def linked(frames: Sequence[Path], keep: Path) -> str:
+    """Return a folder of links to some frames, the same for the same frames, so that trainings go on."""
+    folder = keep / "links" / "-".join(sorted(frame.stem for frame in frames))
+    folder.mkdir(parents=True, exist_ok=True)
     for frame in frames:
-        (Path(folder.name) / frame.name).symlink_to(frame.resolve())
-    return folder
+        link = folder / frame.name
+        link.unlink(missing_ok=True)
+        link.symlink_to(frame.resolve())
+    return str(folder)
 
 
 def plan_of(folder: str | Path, detector: str, sequences: int = 1) -> DetectPlan:
@@ -115,13 +123,13 @@ def plan_of(folder: str | Path, detector: str, sequences: int = 1) -> DetectPlan
     )
 
 
-def _row(start: str, number: int, detectors: Mapping[Path, str]) -> dict[str, Any]:
+def _row(start: str, number: int, detectors: Mapping[Path, str], keep: Path) -> dict[str, Any]:
     """Measure each frame by its detector, and rank the detections of all together."""
     parts = []
     for frame, detector in detectors.items():
-        with linked([frame]) as folder:
-            (job,) = plan_of(folder, detector).jobs_of("no_fusion", folder, Disturbance())
-            outcome = job.run()
+        folder = linked([frame], keep)
+        (job,) = plan_of(folder, detector).jobs_of("no_fusion", folder, Disturbance())
+        outcome = job.run()
         if outcome.perceived is None:
             raise SystemExit(outcome.traceback)
         parts.append(Measured.of(outcome.perceived, PROTOCOL, WITHIN_M).rankings)
@@ -146,16 +154,16 @@ def replace_block(page: Path, name: str, text: str) -> None:
     write_whole(page, pattern.sub(lambda match: f"{match[1]}\n{text}\n{match[2]}", content))
 
 
-def measure_shipped(frames: Sequence[Path], detector: str, pictures: Path) -> str:
+def measure_shipped(frames: Sequence[Path], detector: str, keep: Path, pictures: Path) -> str:
     """Measure a detector on frames and draw them; return the table by range and class."""
-    with linked(frames) as folder, tempfile.TemporaryDirectory() as episodes:
-        from coopsim.data.recordings.find_format import open_folder
+    from coopsim.data.recordings.find_format import open_folder
 
-        plan = plan_of(folder, detector, len(open_folder(folder).sequences))
-        (row,) = measure_detection(plan, folder=episodes, engine=Engine(workers=1))
-        for path in draw_measured(plan, Path(episodes), pictures):
-            path.replace(path.with_name(f"{path.name.rpartition('-cav_0')[0]}.png"))
-        return range_table({**row, "policy": detector, "environment": f"{row['environment']}"}).partition("\n\n")[2]
+    folder = linked(frames, keep)
+    plan = plan_of(folder, detector, len(open_folder(folder).sequences))
+    (row,) = measure_detection(plan, folder=keep / "episodes", engine=Engine(workers=1))
+    for path in draw_measured(plan, keep / "episodes", pictures):
+        path.replace(path.with_name(f"{path.name.rpartition('-cav_0')[0]}.png"))
+    return range_table(row).partition("\n\n")[2]
 
 
 def main() -> None:
@@ -166,6 +174,7 @@ def main() -> None:
     parser.add_argument("--page", type=Path, help="whose tables and pictures are remade; else they are printed")
     parser.add_argument("--detector", default="pillars", help="recipe and shipped weights (default: %(default)s)")
     parser.add_argument("--curve", action="store_true", help="train on few frames, too")
+    parser.add_argument("--counts", type=numbers, default=(1, 3), help="of real frames (default: 1,3)")
     parser.add_argument("--steps", type=count, default=80, help="from shipped weights (default: %(default)s)")
     parser.add_argument("--first-steps", type=count, default=240, help="from nothing (default: %(default)s)")
     parser.add_argument("--keep", type=Path, default=Path("build/real_sweeps"), help="of trainings")
@@ -174,10 +183,9 @@ def main() -> None:
     if missing := [str(frame) for frame in frames if not frame.is_file()]:
         parser.error(f"no file {', '.join(missing)}")
     pictures = options.page.with_suffix("") if options.page else options.keep / "pictures"
-    made = {"shipped": measure_shipped(frames, options.detector, pictures)}
+    made = {"shipped": measure_shipped(frames, options.detector, options.keep, pictures)}
     if options.curve:
-        options.keep.mkdir(parents=True, exist_ok=True)
-        tuning = Tuning(options.detector, range(1, len(frames)), options.steps, options.first_steps)
+        tuning = Tuning(options.detector, [int(each) for each in options.counts], options.steps, options.first_steps)
         made["curve"] = curve_table(tuning.curve(frames, options.keep))
     for name, text in made.items():
         if options.page:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coopsim.cli.arguments import INTERRUPTED, Command, add_options, count, count_or_zero, named_options
-from coopsim.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -21,10 +20,10 @@ def _add_train(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("recipe", metavar="RECIPE", help="name of a shipped recipe (pillars, attfuse, ...), or path of a YAML file")
     add(
-        "recordings",
+        "environments",
         nargs="*",
-        metavar="FOLDER",
-        help="train on recordings with sweeps, as of a data set, in the place of the recipe's world",
+        metavar="ENVIRONMENT",
+        help="in the place of the recipe's: folders of recordings with sweeps, as of a data set; town; scenario files",
     )
     add("--start", metavar="WEIGHTS", help="begin with these, by name or path, as pillars (default: the recipe's)")
     add("--out", type=Path, required=True, metavar="DIR", help="for checkpoint, weights, card, log and curves")
@@ -65,15 +64,10 @@ def _run_train(options: argparse.Namespace) -> int:
 
 
 def _recipe(options: argparse.Namespace) -> TrainingRecipe:
-    from coopsim.catalog import is_recordings_folder
     from coopsim.learn.recipe import find_recipe
 
-    for folder in options.recordings:
-        if not is_recordings_folder(folder):
-            raise InvalidValueError(f"FOLDER must be a folder of recordings with sweeps, got {folder!r}")
     flags = {"steps": "--steps", "start": "--start"}
-    world = {"world": {"environments": options.recordings}} if options.recordings else {}
-    given = {"steps": options.steps, "start": options.start, **world}
+    given = {"steps": options.steps, "start": options.start, "world.environments": options.environments or None}
     recipe = find_recipe(options.recipe).changed(**{name: each for name, each in given.items() if each is not None})
     return recipe.changed(**named_options(options, flags))
 

@@ -222,7 +222,13 @@ def test_an_export_is_read_as_it_was_sensed(name: str, options: dict[str, Any], 
 
 def test_an_export_as_nuscenes_is_read_as_it_was_sensed(tmp_path: Path) -> None:
     written = export(tmp_path, "nuscenes(agent=cav_0,key_frame_s=0.1)")
-    _, frames = replayed(tmp_path)
+    env, frames = replayed(tmp_path)
+    (shot,), (calibration,) = written[0].agents[0].cameras.values(), env.agent_specs["cav_0"].cameras.values()
+    there, mine = shot.calibration.base_SE3_camera, calibration.base_SE3_camera
+    above_m = written[0].agents[0].lidars["lidar"].mounting.base_SE3_lidar.translation * [1, 1, 0]
+    np.testing.assert_allclose(calibration.matrix, shot.calibration.matrix, atol=1e-5)
+    np.testing.assert_allclose(mine.rotation, there.rotation, atol=1e-6)
+    np.testing.assert_allclose(mine.translation + above_m, there.translation, atol=1e-5)
     for true, frame in zip(written, frames, strict=True):
         assert frame.time_ns == true.time_ns
         car, shown = true.agents[0], frame.agents["cav_0"]

@@ -6,7 +6,7 @@ LiDAR and the cameras are kept.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -129,9 +129,9 @@ class NuscenesTables:
             self._indices[table] = {each.text("token"): each for each in self._read(table)}
         return self._indices[table]
 
-    def _read(self, table: str) -> list[Fields]:
+    def _read(self, table: str) -> Iterator[Fields]:
         path = self.path / f"{table}.json"
         records: Any = read_json(path)
         if not isinstance(records, list):
             raise RecordingError(f"{path} must be a list of records, got {type(records).__name__}")
-        return [Fields(record, path, f"[{number}]") for number, record in enumerate(records)]
+        return (Fields(record, path, f"[{number}]") for number, record in enumerate(records))

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import tiny_recordings as tiny
 import tiny_single_car as single
+from PIL import Image
 
 from coopsim.data.recordings.find_format import find_format, open_folder
 from coopsim.data.recordings.recorded_folder import ReadingOptions
@@ -88,6 +89,16 @@ def test_unrelated_frames_share_no_object(name: str, tmp_path: Path) -> None:
     ids = np.concatenate([scenes.actors(number).id for number in range(tiny.FRAMES)])
     assert len(set(ids.tolist())) == 2 * tiny.FRAMES
     assert not scenes.actors(1).velocity.any()
+
+
+def test_pictures_of_kitti_are_found(tmp_path: Path) -> None:
+    folder = open_folder(single.write_kitti_object(tmp_path))
+    (tmp_path / "training/image_2").mkdir()
+    Image.new("RGB", (1242, 375), (10, 200, 30)).save(tmp_path / "training/image_2/000005.png")
+    first, second = (folder.open("training").frame(number).agents["cav_0"].find_pictures() for number in (0, 1))
+    assert first["image_02"].rgb()[0, 0].tolist() == [10, 200, 30] and not second
+    looks_along = first["image_02"].calibration.base_SE3_camera.rotate(np.array([[0.0, 0.0, 1.0]]))
+    np.testing.assert_allclose(looks_along, [[1.0, 0.0, 0.0]], atol=1e-6)
 
 
 def test_only_the_labelled_part_of_an_array_is_kept(tmp_path: Path) -> None:
