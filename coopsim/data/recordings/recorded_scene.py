@@ -76,15 +76,20 @@ def as_actors(objects: RecordedObjects, velocity: Floats) -> Actors:
 
 
 def count_returns_in(boxes: Boxes3D, sweeps: Sequence[Sweep]) -> Ints:
-    """Return the number of points (N,) in each of N boxes, of all sweeps; boxes and points are in one frame.
+    """Return the number of points (N,) in each of N boxes, of all sweeps; boxes and points are in one frame."""
+    return count_points_in(boxes, [sweep.points for sweep in sweeps])
+
+
+def count_points_in(boxes: Boxes3D, clouds: Sequence[NDArray[np.float32]]) -> Ints:
+    """Return the number of points (N,) in each of N boxes, of all clouds (P, 3); boxes and points are in one frame.
 
     Points are on surfaces and err, and labels are tight: boxes are taken `MARGIN_M` larger, but not towards the ground.
     """
     counts, rows = np.zeros(len(boxes), np.int64), boxes.array
     rows[:, 3:6] += [2 * MARGIN_M, 2 * MARGIN_M, MARGIN_M]
     rows[:, 2] += MARGIN_M / 2
-    for sweep in sweeps:
-        counts += _points_within(rows, sweep.points)
+    for points in clouds:
+        counts += _points_within(rows, points)
     return counts
 
 

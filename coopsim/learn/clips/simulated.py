@@ -73,10 +73,19 @@ def _scenes(drawn: ClipWorld, frames: int) -> Iterator[Scene]:
     if drawn.start_s > 0:
         world.step(drawn.start_s)
     with closing(ClipSensing(drawn, world)) as sensing:
-        for frame in range(frames):
-            if frame:
-                world.step(drawn.dt_s)
-            yield sensing.sense(seconds_to_ns(frame * drawn.dt_s))
+        for step_s, time_s in _steps(drawn, frames):
+            if step_s:
+                world.step(step_s)
+            yield sensing.sense(seconds_to_ns(time_s))
+
+
+def _steps(drawn: ClipWorld, frames: int) -> Iterator[tuple[float, float]]:
+    """Yield the time since the scene before and that since the first one, of frames and the sweeps before them."""
+    wait_s, early_s = drawn.dt_s, drawn.sweep_s
+    for frame in range(frames):
+        yield (wait_s - (early_s or 0.0) if frame else 0.0), frame * wait_s
+        if early_s is not None:
+            yield early_s, frame * wait_s + early_s
 
 
 _LIDAR = "lidar"

@@ -43,7 +43,9 @@ def _clips_of(world: WorldRecipe, seed: int) -> ClipSource:
 def held_out_clips(recipe: TrainingRecipe, cache: Path | None = None) -> ClipSource:
     """Return clips of places that no training sees: towns 1000 to 1099; frames are close in time but for detectors."""
     cameras = {"surround": 1.0} if "picture" in recipe.kind else {}
-    clips = SimulatedClips(WorldRecipe.for_validation(dt_s=(KINDS[recipe.kind].dt_s,), cameras=cameras))
+    sweep_s = (0.1,) if recipe.network.get("sweeps", 1) > 1 else ()
+    world = WorldRecipe.for_validation(dt_s=(KINDS[recipe.kind].dt_s,), sweep_s=sweep_s, cameras=cameras)
+    clips = SimulatedClips(world)
     return clips if cache is None else CachedClips(clips, Path(cache, "held_out"))
 
 

@@ -34,6 +34,7 @@ class ClipWorld:
         scenario: place and population.
         seed: seed of the episode.
         dt_s: time between two frames.
+        sweep_s: time between an earlier sweep and the frame that follows it; None: there are no earlier sweeps.
         start_s: time that traffic has run before the first one.
         lidar: LiDAR of every agent.
         weather: rain and fog; None: dry and clear.
@@ -45,6 +46,7 @@ class ClipWorld:
     scenario: Scenario
     seed: int
     dt_s: float
+    sweep_s: float | None
     start_s: float
     lidar: LidarConfig
     weather: Weather | None
@@ -65,6 +67,7 @@ def draw_world(recipe: WorldRecipe, seed: int, index: int) -> ClipWorld:
     environment = recipe.environments[int(rng("environment").integers(len(recipe.environments)))]
     place_seed = recipe.first_place + int(rng("place").integers(recipe.places))
     dt_s = float(recipe.dt_s[int(rng("dt_s").integers(len(recipe.dt_s)))])
+    sweep_s = float(recipe.sweep_s[int(rng("sweep_s").integers(len(recipe.sweep_s)))]) if recipe.sweep_s else None
     waited_s = between(recipe.start_s, rng("start"))
     pattern = one_of(recipe.lidars, rng("lidar"))
     lidar = LidarConfig(pattern, range_noise_m=between(recipe.range_noise_m, rng("range noise")))
@@ -76,6 +79,7 @@ def draw_world(recipe: WorldRecipe, seed: int, index: int) -> ClipWorld:
         scenario=scenario,
         seed=int(rng("episode").integers(_LONGEST_SEED)),
         dt_s=dt_s,
+        sweep_s=sweep_s,
         start_s=round(waited_s / _STEP_S) * _STEP_S,
         lidar=realistic_lidar(lidar, rng("lidar as built")) if is_real else lidar,
         weather=_weather(recipe, rng("weather")),

@@ -62,6 +62,8 @@ class WorldRecipe:
         realistic_share: share of the clips with sweeps as on real roads: see `coopsim.learn.clips.realism`.
         frames: frames of a clip.
         dt_s: times between two frames, of which each clip takes one.
+        sweep_s: times of which each clip takes one: so long before each frame, a frame more, for networks on two
+            sweeps; empty: none.
         start_s: range of the time that traffic has run when a clip begins.
         lidars: names of beam tables, with their weights.
         range_noise_m: range of the LiDARs' standard deviation along the ray.
@@ -98,6 +100,7 @@ class WorldRecipe:
     realistic_share: float = 0.0
     frames: int = 6
     dt_s: Sequence[float] = (1.0,)
+    sweep_s: Sequence[float] = ()
     start_s: Sequence[float] = (0.0, 20.0)
     lidars: Mapping[str, float] = field(default_factory=lambda: {"HDL-32E": 0.8, "HDL-64E": 0.2})
     range_noise_m: Sequence[float] = (0.01, 0.04)
@@ -133,9 +136,14 @@ class WorldRecipe:
         times_s = as_list("dt_s", self.dt_s)
         for dt_s in times_s:
             require_frame_time(dt_s)
+        for sweep_s in self.sweep_s:
+            require_frame_time(sweep_s)
+            if sweep_s > min(times_s) / 2:
+                raise InvalidValueError(f"sweep_s must be at most half of every dt_s, got {sweep_s:g} s")
         changed: dict[str, Any] = {
             "environments": environments,
             "dt_s": tuple(map(float, times_s)),
+            "sweep_s": tuple(map(float, self.sweep_s)),
             "lidars": as_lidar_weights(self.lidars, allowed=self.allow_test_places),
             "cameras": as_weights("cameras", "camera rigs", self.cameras, RIG_NAMES, least=0),
             "times_of_day": as_weights("times_of_day", "lights", self.times_of_day, DAYLIGHTS),

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import nn
 
 from coopsim.geometry.boxes import Boxes3D
@@ -56,10 +57,20 @@ def precision_of(maps: Sequence[FoundMap], labels: Sequence[int], iou: float) ->
     """Return the average precision in BEV of the detections in maps, of the classes with these labels."""
     found, truth = [], []
     for each in maps:
-        kept = np.isin(each.detections.label, labels)
+        kept = np.isin(each.detections.label, labels) & ~_doubtful(each)
         found.append((Boxes3D.from_array(each.detections.boxes.array[kept]), each.detections.score[kept]))
         truth.append(_true_boxes(each.targets.to("cpu"), each.grid, labels))
     return average_precision_of(found, truth, iou, view="BEV")
+
+
+def _doubtful(each: FoundMap) -> NDArray[np.bool_]:
+    """Return flags (N,) of detections near objects that hardly show, which count neither way."""
+    grid, ignored = each.grid, each.targets.ignored[0].cpu().numpy()
+    xy = each.detections.boxes.array[:, :2]
+    low, last = np.array([grid.x_m[0], grid.y_m[0]]), np.array(ignored.shape[::-1]) - 1
+    column, row = np.clip(np.floor((xy - low) / grid.cell_m).astype(np.int64), 0, last).T
+    flags: NDArray[np.bool_] = ignored[row, column]
+    return flags
 
 
 def _true_boxes(targets: Targets, grid: BevGrid, labels: Sequence[int]) -> Boxes3D:

@@ -9,6 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from coopsim.errors import UnknownNameError
+from coopsim.learn.losses.judge_losses import judge_losses
 from coopsim.learn.samples.targets import Targets
 from coopsim.nn.camera.picture_net import DepthBins
 from coopsim.nn.detector.detector_net import (
@@ -20,6 +21,7 @@ from coopsim.nn.detector.detector_net import (
     SIZE,
     VELOCITY,
     CentreHead,
+    JudgedHead,
     at_cells,
     residuals,
 )
@@ -29,28 +31,33 @@ WEIGHTS = {
     "velocity": 0.1, "variance": 0.05, "sure": 0.3, "foreground": 0.3, "teacher": 10.0, "alike": 0.5,
     "unmoved": 0.0, "instance class": 2.0, "instance box": 0.25, "association": 10.0,
     "detection class": 2.0, "prediction class": 2.0, "xiou": 2.0, "giou": 0.0, "speed": 0.25, "turn": 0.5,
+    "front": 0.5, "fit": 0.5,
 }  # fmt: skip
 """Weights of the parts of the loss; those of the others are 1."""
 
 
-def head_loss(head: CentreHead, features: Tensor, targets: Targets) -> dict[str, Tensor]:
+def head_loss(head: CentreHead | JudgedHead, features: Tensor, targets: Targets) -> dict[str, Tensor]:
     """Return the loss of a head on features (B, C, h, w): "loss", the weighted sum, and its parts by name."""
     shared, logits = head.heat(features)
-    parts = {"heat": heat_loss(logits, targets.heat, targets.objects)}
+    parts = {"heat": heat_loss(logits, targets.heat, targets.objects, targets.ignored)}
     parts |= code_losses(head.codes(at_cells(shared, targets.cell)), targets)
+    if isinstance(head, JudgedHead):
+        parts |= judge_losses(head, features, shared, logits, targets)
     return {"loss": sum_of(parts), **parts}
 
 
-def heat_loss(logits: Tensor, heat: Tensor, objects: int) -> Tensor:
+def heat_loss(logits: Tensor, heat: Tensor, objects: int, ignored: Tensor | None = None) -> Tensor:
     """Return the focal loss of heat (B, K, h, w), less for cells near a centre, per object.
 
-    CenterPoint's (Yin et al., section 3; Law and Deng, "CornerNet", eq. 1) with alpha 2 and beta 4.
+    CenterPoint's (Yin et al., section 3; Law and Deng, "CornerNet", eq. 1) with alpha 2 and beta 4. Cells that are
+    `ignored`, (B, h, w), do not count.
     """
     hot = heat == 1
+    cold = ~hot if ignored is None else ~(hot | ignored[:, None])
     log_p, log_q = functional.logsigmoid(logits), functional.logsigmoid(-logits)
     p = logits.sigmoid()
     found = (log_p * (1 - p) ** 2)[hot].sum()
-    empty = (log_q * p**2 * (1 - heat) ** 4 * ~hot).sum()
+    empty = (log_q * p**2 * (1 - heat) ** 4 * cold).sum()
     return -(found + empty) / max(objects, 1)
 
 
@@ -62,7 +69,7 @@ def code_losses(code: Tensor, targets: Targets) -> dict[str, Tensor]:
     weight, true = targets.weight, targets.code
     total = weight.sum().clamp(min=1.0)
 
-    def loss(part: slice) -> Tensor:
+    def loss(part: slice, weight: Tensor = weight) -> Tensor:
         error = functional.smooth_l1_loss(code[:, part], true[:, part], reduction="none", beta=0.1)
         return (error.sum(dim=1) * weight).sum() / total
 
@@ -73,7 +80,7 @@ def code_losses(code: Tensor, targets: Targets) -> dict[str, Tensor]:
         "place": 2 * loss(OFFSET) + loss(HEIGHT),
         "size": loss(SIZE),
         "yaw": loss(AXIS) + 0.5 * loss(HEADING),
-        "velocity": loss(VELOCITY),
+        "velocity": loss(VELOCITY, weight * targets.moves),
         "variance": (likelihood * weight).sum() / total,
     }
 

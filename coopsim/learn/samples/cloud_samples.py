@@ -7,16 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from coopsim.data.recordings.recorded_scene import count_points_in
+from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.clip import AgentScene, Clip, Scene
-from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, noisy, sweeps_of, thin
+from coopsim.learn.samples.sample_frames import boxes_in, joined, mirror, moved, noisy, sweeps_of, thin
 from coopsim.learn.samples.targets import Targets, join_targets, make_targets
 from coopsim.localization.odometry import Points
 from coopsim.nn.detector.encoder import STRIDE
-from coopsim.nn.detector.pillars import PillarBatch, Pillars, collate, pillarize
+from coopsim.nn.detector.pillars import GroundSettings, PillarBatch, Pillars, collate, pillarize
 from coopsim.nn.inference.canvas import REACH_M
 from coopsim.support.checks import require_between, require_count, require_positive, require_probability
-from coopsim.types import BevGrid
+from coopsim.types import BevGrid, Ints
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +30,7 @@ class SampleSettings:
         crop_cells: edge of the part of it that a sample shows, in pillars; None: the whole square.
         merged: share of samples with the points of several agents, for early fusion.
         thinned: share of samples without some of their points, up to three quarters.
+        single: share of samples with one sweep among those of which two are there.
         mirrored: share of mirrored samples.
         noise_m: largest standard deviation of the agents' positions where clouds are merged or maps fused.
         noise_deg: largest standard deviation of their headings.
@@ -45,6 +48,7 @@ class SampleSettings:
     crop_cells: int | None = 128
     merged: float = 0.25
     thinned: float = 0.3
+    single: float = 0.2
     mirrored: float = 0.5
     noise_m: float = 0.0
     noise_deg: float = 0.0
@@ -64,8 +68,8 @@ class SampleSettings:
         require_between(0, 10, noise_m=self.noise_m, noise_deg=self.noise_deg)
         require_between(1, 10, quickest=self.quickest)
         require_probability(
-            merged=self.merged, thinned=self.thinned, mirrored=self.mirrored, noisy=self.noisy, dropout=self.dropout,
-            late=self.late, sparse=self.sparse,
+            merged=self.merged, thinned=self.thinned, single=self.single, mirrored=self.mirrored, noisy=self.noisy,
+            dropout=self.dropout, late=self.late, sparse=self.sparse,
         )  # fmt: skip
 
 
@@ -89,19 +93,15 @@ def detector_samples(
     clip: Clip, rng: np.random.Generator, settings: SampleSettings, cell_m: float = 0.6, sweeps: int = 1
 ) -> list[DetectorSample]:
     """Return a sample for each agent in each scene of a clip, in pillars of edge `cell_m`; sweeps: see `sweeps_of`."""
-    return [
-        _sample(
-            scene,
-            number,
-            [sweeps_of(clip, k, other, sweeps) for other in range(len(scene.agents))],
-            rng,
-            settings,
-            cell_m,
-        )
-        for k, scene in enumerate(clip.scenes)
-        for number, agent in enumerate(scene.agents)
-        if len(agent.points)
-    ]
+    samples = []
+    for k, scene in enumerate(clip.scenes):
+        for number, agent in enumerate(scene.agents):
+            if not len(agent.points):
+                continue
+            double = sweeps == 2 and joined(clip, k) and rng.random() >= settings.single
+            clouds = [sweeps_of(clip, k, other, 1 + double) for other in range(len(scene.agents))]
+            samples.append(_sample(scene, number, clouds, rng, settings, cell_m, moves=double or sweeps == 1))
+    return samples
 
 
 def collate_detector(samples: Sequence[DetectorSample]) -> DetectorBatch:
@@ -118,6 +118,8 @@ def _sample(
     rng: np.random.Generator,
     settings: SampleSettings,
     cell_m: float,
+    *,
+    moves: bool,
 ) -> DetectorSample:
     me = scene.agents[number]
     members = _members(scene, number, rng, settings)
@@ -134,8 +136,28 @@ def _sample(
     if rng.random() < settings.mirrored:
         mirror(points, boxes, velocity)
     grid = _part(boxes, rng, settings, cell_m)
-    targets = make_targets(boxes, velocity, scene.label[shown], grid.coarser(STRIDE))
+    left = _points_left(points, boxes, grid)
+    label = scene.label[shown]
+    targets = make_targets(
+        boxes[left > 0], velocity[left > 0], label[left > 0], grid.coarser(STRIDE), (left < LEAST_POINTS)[left > 0],
+        moves=moves,
+    )  # fmt: skip
     return DetectorSample(pillarize(points, grid), targets)
+
+
+LEAST_POINTS = 3
+"""Points of the last sweep that an object of a sample must have to be taught; with fewer it counts neither way."""
+
+
+def _points_left(points: Points, boxes: Floats, grid: BevGrid) -> Ints:
+    """Return the number of points (N,) of the last sweep in each box, in the part of the map that a sample shows."""
+    inside = (points[:, 0] >= grid.x_m[0]) & (points[:, 0] < grid.x_m[1]) & (points[:, 4] == 0)
+    inside &= (points[:, 1] >= grid.y_m[0]) & (points[:, 1] < grid.y_m[1])
+    raised = boxes.copy()
+    above_m = GroundSettings().above_m  # points below are taken for the ground
+    raised[:, 5] = np.maximum(raised[:, 5] - above_m, 0.1)
+    raised[:, 2] += above_m / 2
+    return count_points_in(Boxes3D.from_array(raised), [points[inside, :3]])
 
 
 def _members(scene: Scene, number: int, rng: np.random.Generator, settings: SampleSettings) -> list[int]:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.clip import Clip
 from coopsim.localization.odometry import LONGEST_S, Points
+from coopsim.types import NS_PER_S
 
 
 def sweeps_of(clip: Clip, number: int, member: int, sweeps: int) -> Points:
@@ -18,10 +19,17 @@ def sweeps_of(clip: Clip, number: int, member: int, sweeps: int) -> Points:
     """
     agent = clip.scenes[number].agents[member]
     points = _with_age(agent.points, 0.0)
-    if sweeps == 1 or number == 0 or clip.dt_s > LONGEST_S:
+    if sweeps == 1 or not joined(clip, number):
         return points
-    before = _with_age(clip.scenes[number - 1].agents[member].points, clip.dt_s)
+    age_s = (clip.scenes[number].time_ns - clip.scenes[number - 1].time_ns) / NS_PER_S
+    before = _with_age(clip.scenes[number - 1].agents[member].points, age_s)
     return np.concatenate([points, moved(before, np.zeros(4), agent.odometry)])
+
+
+def joined(clip: Clip, number: int) -> bool:
+    """Return whether the scene before is recent enough to be joined as a second sweep."""
+    scenes = clip.scenes
+    return number > 0 and scenes[number].time_ns - scenes[number - 1].time_ns <= LONGEST_S * NS_PER_S
 
 
 def _with_age(points: NDArray[np.float32], age_s: float) -> Points:

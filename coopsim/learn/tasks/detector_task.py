@@ -38,7 +38,9 @@ class DetectorTask(TrainingTask):
 
     def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
         merged = round(self._settings.merged)
-        settings = replace(self._settings, merged=merged, thinned=0.0, mirrored=0.0, dropout=0.0, crop_cells=None)
+        settings = replace(
+            self._settings, merged=merged, thinned=0.0, single=0.0, mirrored=0.0, dropout=0.0, crop_cells=None
+        )
         return detector_samples(clip, rng, settings, self.net.config.cell_m, self.net.config.sweeps)
 
     def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -9,7 +11,15 @@ from torch.nn import functional
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.nms import nms_bev
-from coopsim.nn.detector.detector_net import LOG_VARIANCE, CentreHead, at_cells, covariances, decode_boxes
+from coopsim.nn.detector.box_judge import patches_of
+from coopsim.nn.detector.detector_net import (
+    LOG_VARIANCE,
+    CentreHead,
+    JudgedHead,
+    at_cells,
+    covariances,
+    decode_boxes,
+)
 from coopsim.types import BevGrid, Detections
 from coopsim.types.taxonomy import ObjectClass
 
@@ -28,7 +38,13 @@ DUPLICATE_IOU = 0.15
 
 
 def decode(
-    head: CentreHead, features: Tensor, grid: BevGrid, *, least_score: float = 0.1, most: int = 300
+    head: CentreHead | JudgedHead,
+    features: Tensor,
+    grid: BevGrid,
+    *,
+    least_score: float = 0.1,
+    most: int = 300,
+    moving: Sequence[bool] | None = None,
 ) -> list[Detections]:
     """Return the detections of each map of a batch, with covariances, in the frame of the grid, without gradients.
 
@@ -38,17 +54,24 @@ def decode(
         grid: the cells of the features.
         least_score: smallest score of a detection, in [0, 1].
         most: the most peaks of a map that are looked at.
+        moving: for each map, True if its features show motion, so that velocities are stated; None: none does.
     """
     with torch.no_grad():
         shared, logits = head.heat(features)
-        batch, cell, label, score = _peaks(logits, least_score, most)
+        # The second look may make more of a peak than its heat.
+        least = least_score**2 if isinstance(head, JudgedHead) else least_score
+        batch, cell, label, score = find_peaks(logits, least, most)
         rows, columns = grid.shape
         code = head.codes(at_cells(shared, batch * (rows * columns) + cell))
-        boxes, _ = decode_boxes(code, label, cell_centers(cell, grid), grid.cell_m)
+        boxes, velocity = decode_boxes(code, label, cell_centers(cell, grid), grid.cell_m)
         covariance = covariances(code[:, LOG_VARIANCE], boxes)
-    group = GROUP_OF_LABEL[label.numpy(force=True)]
-    arrays = [each.numpy(force=True) for each in (batch, boxes, score, label, covariance)]
-    return [_one(number, group, *arrays) for number in range(len(features))]
+        group = torch.from_numpy(GROUP_OF_LABEL).to(label.device)[label]
+        if isinstance(head, JudgedHead):
+            boxes, score = head.judged(boxes, score, group, patches_of(features, boxes, batch, grid))
+    kept = np.flatnonzero(score.numpy(force=True) >= least_score)
+    arrays = [each.numpy(force=True)[kept] for each in (group, batch, boxes, score, label, covariance, velocity)]
+    known = [False] * len(features) if moving is None else moving
+    return [_one(number, *arrays, known[number]) for number in range(len(features))]
 
 
 def cell_centers(cell: Tensor, grid: BevGrid) -> Tensor:
@@ -59,14 +82,17 @@ def cell_centers(cell: Tensor, grid: BevGrid) -> Tensor:
     return torch.stack([x, y], dim=1).float()
 
 
-def _peaks(logits: Tensor, least_score: float, most: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def find_peaks(logits: Tensor, least_score: float, most: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Return map, cell, label and score of the cells that are hotter than their neighbours, at most `most` of a map."""
     maps, columns = len(logits), logits.shape[-1]
     parts: list[tuple[Tensor, ...]] = []
     for group in GROUPS:
         heat, which = logits[:, [int(cls) for cls in group]].sigmoid().max(dim=1)
-        peak = (functional.max_pool2d(heat[:, None], 3, 1, 1)[:, 0] == heat) & (heat >= least_score)
-        number, row, column = torch.nonzero(peak, as_tuple=True)
+        number, row, column = torch.nonzero(heat >= least_score, as_tuple=True)
+        around = functional.pad(heat, (1, 1, 1, 1))
+        near = torch.stack([around[number, row + i, column + j] for i in range(3) for j in range(3)], dim=1)
+        peak = near.amax(1) == heat[number, row, column]
+        number, row, column = number[peak], row[peak], column[peak]
         label = torch.tensor([int(cls) for cls in group], device=heat.device)[which[number, row, column]]
         parts.append((number, row * columns + column, label, heat[number, row, column]))
     number, cell, label, score = (torch.cat(columns_) for columns_ in zip(*parts, strict=True))
@@ -75,7 +101,7 @@ def _peaks(logits: Tensor, least_score: float, most: int) -> tuple[Tensor, Tenso
     return number[kept], cell[kept], label[kept], score[kept]
 
 
-def _one(number: int, group: np.ndarray, batch, boxes, score, label, covariance) -> Detections:  # type: ignore
+def _one(number: int, group, batch, boxes, score, label, covariance, velocity, known) -> Detections:  # type: ignore
     mine = np.flatnonzero(batch == number)
     kept = [np.zeros(0, np.int64)]
     for each in range(len(GROUPS)):
@@ -88,4 +114,5 @@ def _one(number: int, group: np.ndarray, batch, boxes, score, label, covariance)
         score[rows].astype(np.float64),
         label[rows].astype(np.int64),
         covariance[rows],
+        velocity=velocity[rows].astype(np.float64) if known else None,
     )

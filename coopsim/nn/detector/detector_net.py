@@ -7,7 +7,10 @@ import math
 import torch
 from torch import Tensor, nn
 
+from coopsim.nn.detector.box_judge import BoxJudge
 from coopsim.nn.detector.encoder import EncoderConfig, PillarEncoder, conv
+from coopsim.nn.detector.sparse_cells import SparseCells, SparseConv, filled
+from coopsim.nn.detector.sparse_encoder import SparseEncoder
 from coopsim.types.taxonomy import CLASS_NAMES, ObjectClass
 
 MEAN_SIZE_M = {
@@ -122,6 +125,9 @@ def covariances(log_variance: Tensor, boxes: Tensor) -> Tensor:
 RARE = -math.log((1 - 0.02) / 0.02)
 """Bias of the heat: most cells are no centre."""
 
+NOTHING = -20.0
+"""Logit of the heat where there are no features."""
+
 
 class CentreHead(nn.Module):
     """Heat of each class in each cell, and a code of the box (see `box_code`) for selected cells.
@@ -155,11 +161,73 @@ def at_cells(maps: Tensor, cell: Tensor) -> Tensor:
     return maps.permute(0, 2, 3, 1).reshape(batch * rows * columns, channels)[cell]
 
 
+class JudgedHead(nn.Module):
+    """Heat and codes as `CentreHead` has them, computed where features are, and a second look at each box.
+
+    Args:
+        channels: channels of the features.
+        classes: number of classes.
+    """
+
+    def __init__(self, channels: int = 64, classes: int = len(CLASS_NAMES)) -> None:
+        super().__init__()
+        self.channels = channels
+        self.shared = SparseConv(channels, channels)
+        self.heat_of = nn.Linear(channels, classes)
+        nn.init.constant_(self.heat_of.bias, RARE)
+        self.code_of = nn.Sequential(nn.Linear(channels, 2 * channels), nn.ReLU(), nn.Linear(2 * channels, CODE))
+        self.judge = BoxJudge(channels)
+        self.register_buffer("calibration", torch.tensor([[1.0, 0.0]] * 3))
+
+    def heat(self, features: Tensor) -> tuple[Tensor, Tensor]:
+        """Return shared features and logits, as `CentreHead.heat` does; where features are zero, nothing is found."""
+        cells = SparseCells.of(filled(features))
+        rows = features.permute(0, 2, 3, 1).flatten(0, 2)[cells.cell]
+        shared = self.shared(rows, cells.neighbors())
+        logits = self.heat_of(shared).float()
+        return cells.dense(shared), cells.dense(logits, NOTHING)
+
+    def codes(self, shared_at: Tensor) -> Tensor:
+        """Return the codes (N, 19) of N cells from their shared features (N, C), in float32."""
+        with torch.autocast(shared_at.device.type, enabled=False):
+            code: Tensor = self.code_of(shared_at.float())
+        return code
+
+    def judged(self, boxes: Tensor, score: Tensor, group: Tensor, patches: Tensor) -> tuple[Tensor, Tensor]:
+        """Return boxes (N, 7) the right way round, and calibrated scores (N,).
+
+        The score is the root of heat times quality (CenterPoint, section 4.2), its logit moved and stretched for each
+        group so that it is the share of right boxes among those with this score.
+
+        Args:
+            boxes: found boxes.
+            score: (N,) heat.
+            group: (N,) number of the class's group.
+            patches: (N, 9 C), see `coopsim.nn.covariance.covariance_net.box_patches`.
+        """
+        forward, fits = self.judge(patches)
+        logit = torch.logit(torch.sqrt(score * fits.sigmoid()), 1e-6)
+        slope, shift = self.calibration[group].unbind(1)
+        yaw = boxes[:, 6] + torch.pi * (forward < 0)
+        turned = torch.atan2(torch.sin(yaw), torch.cos(yaw))
+        return torch.cat([boxes[:, :6], turned[:, None]], dim=1), torch.sigmoid(slope * logit + shift)
+
+
+def make_head(kind: str, channels: int) -> CentreHead | JudgedHead:
+    """Return a head of one of `HEADS` with random weights."""
+    return JudgedHead(channels) if kind == "judged" else CentreHead(channels)
+
+
+def make_encoder(config: EncoderConfig) -> PillarEncoder | SparseEncoder:
+    """Return an encoder of points with random weights."""
+    return SparseEncoder(config) if config.layout == "sparse" else PillarEncoder(config)
+
+
 class DetectorNet(nn.Module):
     """An encoder of points and the head on its features; state: `encoder.*`, `head.*`."""
 
     def __init__(self, config: EncoderConfig | None = None) -> None:
         super().__init__()
         self.config = config or EncoderConfig()
-        self.encoder = PillarEncoder(self.config)
-        self.head = CentreHead(self.config.features)
+        self.encoder = make_encoder(self.config)
+        self.head = make_head(self.config.head, self.config.features)

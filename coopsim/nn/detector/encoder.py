@@ -21,8 +21,11 @@ COARSEST = 8
 MOST_CHANNELS, _MOST_LAYERS = 1024, 32
 """Files of weights say how large their network is: none takes more memory than this allows."""
 
-HEADS = ("centre",)
-"""Kinds of heads: files of weights name theirs."""
+LAYOUTS = ("dense", "sparse")
+"""Kinds of encoders: of all cells, or of those where points are."""
+
+HEADS = ("centre", "judged")
+"""Kinds of heads: files of weights name theirs. "judged" computes where features are, and looks at its boxes again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +40,7 @@ class EncoderConfig:
         features: channels of the result.
         sweeps: number of sweeps that it is given: 1, or 2 (the one before is moved by odometry).
         head: one of `HEADS`.
+        layout: one of `LAYOUTS`.
     """
 
     cell_m: float = 0.6
@@ -46,12 +50,14 @@ class EncoderConfig:
     features: int = 64
     sweeps: int = 1
     head: str = "centre"
+    layout: str = "dense"
 
     def __post_init__(self) -> None:
         require_positive(cell_m=self.cell_m)
         require_count(1, MOST_CHANNELS, pillar_features=self.pillar_features, features=self.features)
         require_count(1, 2, sweeps=self.sweeps)
         require_choice("head", self.head, HEADS)
+        require_choice("layout", self.layout, LAYOUTS)
         for name in ("channels", "layers"):
             given = tuple(getattr(self, name))
             if len(given) != 3:
@@ -87,14 +93,40 @@ class MapEncoder(nn.Module):
         return features
 
 
-class PillarEncoder(MapEncoder):
-    """Encoder of PointPillars: a linear layer and a maximum over each pillar's points, then three scales, joined."""
+class PointLayer(nn.Module):
+    """The part that all encoders of points share: a linear layer, and a maximum over each pillar's points.
+
+    Source: PointPillars (Lang et al., CVPR 2019), section 2.1.
+    """
+
+    def make_points(self, config: EncoderConfig) -> None:
+        """Make the layers."""
+        self.points = nn.Linear(POINT_FEATURES, config.pillar_features, bias=False)
+        self.points_norm = nn.BatchNorm1d(config.pillar_features, eps=1e-3, momentum=0.05)
+
+    def of_pillars(self, batch: PillarBatch) -> Tensor:
+        """Return the features (M, pillar_features) of the pillars that have points, in float32."""
+        if not len(batch.features):
+            return batch.features.new_zeros(0, self.points.out_features)
+        each = functional.relu(self._normed(self.points(batch.features).float()))
+        return torch.segment_reduce(each, "max", lengths=batch.count, axis=0)
+
+    def _normed(self, points: Tensor) -> Tensor:
+        """Return points (P, C), normalized; a single one has no statistics, and takes those of earlier ones."""
+        norm = self.points_norm
+        if len(points) > 1 or not self.training:
+            normed: Tensor = norm(points)
+            return normed
+        return functional.batch_norm(points, norm.running_mean, norm.running_var, norm.weight, norm.bias, eps=norm.eps)
+
+
+class PillarEncoder(MapEncoder, PointLayer):
+    """Encoder of PointPillars on all cells: three scales, joined. For weights that were trained so."""
 
     def __init__(self, config: EncoderConfig | None = None) -> None:
         super().__init__()
         self.config = config = config or EncoderConfig()
-        self.points = nn.Linear(POINT_FEATURES, config.pillar_features, bias=False)
-        self.points_norm = nn.BatchNorm1d(config.pillar_features, eps=1e-3, momentum=0.05)
+        self.make_points(config)
         self.make_scales(config)
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # how canvases lie: faster
 
@@ -104,29 +136,23 @@ class PillarEncoder(MapEncoder):
         Raises:
             InvalidValueError: rows or columns of the grid do not divide by 8.
         """
-        if any(cells % COARSEST for cells in batch.shape):
-            raise InvalidValueError(f"rows and columns of pillars must divide by {COARSEST}, got {batch.shape}")
+        require_grid(batch)
         return self.of_canvas(self.canvas(batch))
 
     def canvas(self, batch: PillarBatch) -> Tensor:
         """Return the pillars' features on their grids, (A, C, H, W); zeros where no point is."""
         rows, columns = batch.shape
         width = self.config.pillar_features
-        each = functional.relu(self._normed(self.points(batch.features).float())) if len(batch.features) else None
         numbers = next(self.join.parameters()).dtype  # shorter than the points' in a quick encoder
         flat = batch.features.new_zeros(batch.clouds * rows * columns, width, dtype=numbers)
-        if each is not None:
-            most = torch.segment_reduce(each, "max", lengths=batch.count, axis=0)
-            flat.index_put_((batch.cell,), most.to(flat.dtype))
+        flat.index_put_((batch.cell,), self.of_pillars(batch).to(flat.dtype))
         return flat.view(batch.clouds, rows, columns, width).permute(0, 3, 1, 2)
 
-    def _normed(self, points: Tensor) -> Tensor:
-        """Return points (P, C), normalized; a single one has no statistics, and takes those of earlier ones."""
-        norm = self.points_norm
-        if len(points) > 1 or not self.training:
-            normed: Tensor = norm(points)
-            return normed
-        return functional.batch_norm(points, norm.running_mean, norm.running_var, norm.weight, norm.bias, eps=norm.eps)
+
+def require_grid(batch: PillarBatch) -> None:
+    """Raise `InvalidValueError` unless rows and columns of pillars divide by the coarsest scale."""
+    if any(cells % COARSEST for cells in batch.shape):
+        raise InvalidValueError(f"rows and columns of pillars must divide by {COARSEST}, got {batch.shape}")
 
 
 def conv(before: int, after: int, stride: int = 1) -> nn.Sequential:

@@ -21,8 +21,8 @@ from coopsim.types import BevGrid
 POINT_FEATURES = 10
 """Length of a point's features, see `pillarize`."""
 
-_COARSE = 4
-"""Edge of a cell in which the ground is looked for, in pillars."""
+_COARSE_M = 2.4
+"""Edge of a cell in which the ground is looked for, about: so many whole pillars."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,8 +98,9 @@ def pillarize(points: NDArray[np.float32], grid: BevGrid, ground: GroundSettings
         raise InvalidValueError("points must be finite, got NaN or infinity")
     rows, columns = grid.shape
     features, count, cell = _gather(
-        points, grid.x_m[0], grid.y_m[0], grid.cell_m, rows, columns, ground.relief_m, ground.above_m
-    )
+        points, grid.x_m[0], grid.y_m[0], grid.cell_m, rows, columns, max(1, round(_COARSE_M / grid.cell_m)),
+        ground.relief_m, ground.above_m,
+    )  # fmt: skip
     return Pillars(features, count, cell, (rows, columns))
 
 
@@ -124,11 +125,11 @@ def collate(clouds: Sequence[Pillars]) -> PillarBatch:
 
 
 @njit(cache=True, nogil=True)
-def _gather(points, x_low, y_low, cell_m, rows, columns, relief_m, above_m):  # type: ignore[no-untyped-def]
+def _gather(points, x_low, y_low, cell_m, rows, columns, coarse, relief_m, above_m):  # type: ignore[no-untyped-def]
     """Return features (P', 10), counts (M,) and cells (M,) of the points inside and above ground."""
     total = len(points)
     place = np.empty(total, np.int64)
-    low_rows, low_columns = rows // _COARSE + 3, columns // _COARSE + 3
+    low_rows, low_columns = rows // coarse + 3, columns // coarse + 3
     lowest = np.full((low_rows, low_columns), np.float32(relief_m))
     for k in range(total):
         column = int(np.floor((points[k, 0] - x_low) / cell_m))
@@ -137,7 +138,7 @@ def _gather(points, x_low, y_low, cell_m, rows, columns, relief_m, above_m):  # 
             place[k] = -1
             continue
         place[k] = row * columns + column
-        i, j = row // _COARSE + 1, column // _COARSE + 1
+        i, j = row // coarse + 1, column // coarse + 1
         lowest[i, j] = min(lowest[i, j], max(points[k, 2], -relief_m))
     floor = lowest.copy()  # of each coarse cell and its eight neighbours
     for i in range(1, low_rows - 1):
@@ -149,7 +150,7 @@ def _gather(points, x_low, y_low, cell_m, rows, columns, relief_m, above_m):  # 
         if place[k] < 0:
             continue
         row, column = place[k] // columns, place[k] % columns
-        ground[k] = min(floor[row // _COARSE + 1, column // _COARSE + 1], np.float32(0.0) + relief_m)
+        ground[k] = min(floor[row // coarse + 1, column // coarse + 1], np.float32(0.0) + relief_m)
         if points[k, 2] - ground[k] <= above_m:
             place[k] = -1
         else:

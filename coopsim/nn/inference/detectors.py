@@ -18,7 +18,7 @@ from coopsim.nn.camera.points_and_pictures import PointsAndPicturesNet
 from coopsim.nn.covariance.box_numbers import own_numbers
 from coopsim.nn.covariance.covariance_net import CovarianceNet, box_patches
 from coopsim.nn.detector.decode import decode
-from coopsim.nn.detector.detector_net import CentreHead, DetectorNet
+from coopsim.nn.detector.detector_net import CentreHead, DetectorNet, JudgedHead
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.inference.backend import PROCESSOR, Backend
 from coopsim.nn.inference.canvas import compass_region
@@ -61,7 +61,10 @@ class CloudDetector:
     def detect_around(
         self, clouds: Sequence[NDArray[np.float32]], reach_m: float, least_score: float
     ) -> list[Detections]:
-        """Return the detections in clouds (P, 5) of A agents, in a square of +-`reach_m` around each."""
+        """Return the detections in clouds (P, 5) of A agents, in a square of +-`reach_m` around each.
+
+        They have velocities where a network on two sweeps is given two.
+        """
         detect = self._detect if self._covariance is None else self._detect_with_covariance
         region = compass_region((reach_m, reach_m), 0.0, self._cell_m)
         return self._backend.map(partial(detect, region, least_score), clouds)
@@ -76,7 +79,12 @@ class CloudDetector:
 
     def _detect(self, region: BevGrid, least_score: float, clouds: Sequence[NDArray[np.float32]]) -> list[Detections]:
         with self._backend.inference():
-            return decode(self._head, self._features(region, clouds), region, least_score=least_score)
+            features = self._features(region, clouds)
+            return decode(self._head, features, region, least_score=least_score, moving=self._moving(clouds))
+
+    def _moving(self, clouds: Sequence[NDArray[np.float32]]) -> list[bool]:
+        """Return for each cloud whether the network sees in it how objects move: it has two sweeps."""
+        return [self.sweeps > 1 and bool((points[:, 4] > 0).any()) for points in clouds]
 
     def _detect_with_covariance(
         self, region: BevGrid, least_score: float, clouds: Sequence[NDArray[np.float32]]
@@ -95,7 +103,7 @@ class CloudDetector:
         self, region: BevGrid, least_score: float, clouds: Sequence[NDArray[np.float32]]
     ) -> list[tuple[Detections, Floats]]:
         features = self._features(region, clouds)
-        found = decode(self._head, features, region, least_score=least_score)
+        found = decode(self._head, features, region, least_score=least_score, moving=self._moving(clouds))
         boxes = [self._backend.put(torch.from_numpy(each.boxes.array)) for each in found]
         patches = [box_patches(*each, region) for each in zip(features.float(), boxes, strict=True)]
         return list(zip(found, (each.numpy(force=True) for each in patches), strict=True))
@@ -144,7 +152,9 @@ class ViewDetector:
         backend: device and arithmetic.
     """
 
-    def __init__(self, encoder: SensorEncoder, head: CentreHead, cell_m: float, backend: Backend = PROCESSOR) -> None:
+    def __init__(
+        self, encoder: SensorEncoder, head: CentreHead | JudgedHead, cell_m: float, backend: Backend = PROCESSOR
+    ) -> None:
         self._encoder, self._head = encoder, backend.place(folded(head))
         self._cell_m, self._backend = STRIDE * cell_m, backend
 

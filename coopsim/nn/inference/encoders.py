@@ -26,6 +26,8 @@ from coopsim.nn.camera.points_and_pictures import PointsAndPicturesNet
 from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.encoder import PillarEncoder
 from coopsim.nn.detector.pillars import collate, pillarize
+from coopsim.nn.detector.sparse_cells import SparseConv
+from coopsim.nn.detector.sparse_encoder import SparseEncoder
 from coopsim.nn.inference.backend import PROCESSOR, Backend
 from coopsim.types import BevGrid, SensorView
 
@@ -191,7 +193,9 @@ def folded(module: M) -> M:
     """Return a copy of a network in which batch normalisations after convolutions are part of these."""
     made = copy.deepcopy(module).eval().requires_grad_(False)
     for each in list(made.modules()):
-        if isinstance(each, nn.Sequential):
+        if isinstance(each, SparseConv):
+            each.fold()
+        elif isinstance(each, nn.Sequential):
             for number in range(len(each) - 1):
                 conv, norm = each[number], each[number + 1]
                 if isinstance(conv, nn.Conv2d) and isinstance(norm, nn.BatchNorm2d):
@@ -199,11 +203,14 @@ def folded(module: M) -> M:
     return made
 
 
-def for_inference(encoder: PillarEncoder, numbers: torch.dtype) -> PillarEncoder:
+def for_inference(encoder: PillarEncoder | SparseEncoder, numbers: torch.dtype) -> PillarEncoder | SparseEncoder:
     """Return a faster copy of an encoder of points, whose maps have these numbers."""
     made = folded(encoder)
     made.points = fuse_linear_bn_eval(made.points, made.points_norm).requires_grad_(False)
     made.points_norm = nn.Identity()  # type: ignore[assignment]
+    if isinstance(made, SparseEncoder):
+        made.shorten(numbers)
+        return made
     for maps in (made.scales, made.sides, made.join):
         maps.to(numbers)
         maps.to(memory_format=torch.channels_last)  # type: ignore[call-overload]

@@ -52,15 +52,19 @@ def test_the_sweep_before_is_moved_by_odometry_and_has_an_age() -> None:
     turn = poses[1][0, 3] - poses[0][0, 3]
     ahead = rotated(poses[1][:, :2] - poses[0][:, :2], -0.3)[0]
     odometry = np.array([*ahead, 0.0, turn])
-    scenes = [
-        Scene(k, (AgentScene("cav_0", "cav", pose[0], odometry, cloud[:, :4], 0),), *[np.zeros(0)] * 5)
-        for k, (pose, cloud) in enumerate(zip(poses, clouds, strict=True))
-    ]
-    both = sweeps_of(Clip("standing", 0.1, tuple(scenes)), 1, 0, 2)
+
+    def recording(dt_ns: int) -> Clip:
+        scenes = [
+            Scene(k * dt_ns, (AgentScene("cav_0", "cav", pose[0], odometry, cloud[:, :4], 0),), *[np.zeros(0)] * 5)
+            for k, (pose, cloud) in enumerate(zip(poses, clouds, strict=True))
+        ]
+        return Clip("standing", dt_ns / 1e9, tuple(scenes))
+
+    both = sweeps_of(recording(100_000_000), 1, 0, 2)
     np.testing.assert_allclose(both[0, :4], both[1, :4], atol=1e-4)
     np.testing.assert_allclose(both[:, 4], [0.0, 0.1], atol=1e-6)
-    assert len(sweeps_of(Clip("standing", 0.1, tuple(scenes)), 0, 0, 2)) == 1
-    assert len(sweeps_of(Clip("standing", 0.5, tuple(scenes)), 1, 0, 2)) == 1
+    assert len(sweeps_of(recording(100_000_000), 0, 0, 2)) == 1
+    assert len(sweeps_of(recording(500_000_000), 1, 0, 2)) == 1
 
 
 def test_points_of_an_object_stay_in_its_box_in_any_frame() -> None:
@@ -117,3 +121,32 @@ def test_noise_has_the_stated_size() -> None:
     rng = np.random.default_rng(0)
     errors = np.array([noisy(np.zeros(4), rng, 0.4, 0.01) for _ in range(4000)])
     np.testing.assert_allclose(errors.std(axis=0), [0.4, 0.4, 0.0, 0.01], rtol=0.05)
+
+
+def thinner(points: int) -> Clip:
+    """Return a clip of a car whose agent has so many points on it above the ground."""
+    car = np.array([[20.0, 5.0, 0.8, 4.5, 1.8, 1.6, 0.3]])
+    own = np.array([[0.0, 0.0, 0.8, 4.5, 1.8, 1.6, 0.0]])
+    cloud = np.float32([[20.0 + 0.1 * k, 5.0, 1.0, 0.5] for k in range(points)] + [[20.0, 5.0, 0.05, 0.5]] * 5)
+    agent = AgentScene("cav_0", "cav", np.zeros(4), np.zeros(4), cloud, 1)
+    returns = np.array([[0], [points + 5]])
+    made = Scene(0, (agent,), np.array([1, 2]), np.concatenate([own, car]), np.zeros((2, 2)), np.zeros(2, int), returns)
+    return Clip("thin", 1.0, (made,))
+
+
+@pytest.mark.parametrize(("points", "taught", "left_open"), [(5, 1, False), (2, 0, True), (0, 0, False)])
+def test_objects_are_taught_by_the_points_that_are_left(points: int, taught: int, left_open: bool) -> None:
+    settings = SampleSettings(thinned=0.0, merged=0.0, crop_cells=None)
+    (sample,) = detector_samples(thinner(points), np.random.default_rng(0), settings)
+    assert sample.targets.objects == taught
+    assert bool(sample.targets.ignored.any()) == left_open
+
+
+def test_two_sweeps_tell_how_objects_move_and_one_does_not() -> None:
+    settings = SampleSettings(thinned=0.0, merged=0.0, single=0.5, crop_cells=None)
+    scenes = tuple(scene(seed=0, time_ns=k * 100_000_000) for k in range(12))
+    samples = detector_samples(Clip("pairs", 0.1, scenes), np.random.default_rng(0), settings, sweeps=2)
+    aged = [bool((sample.pillars.features[:, 8] > 0).any()) for sample in samples]
+    assert 0 < sum(aged) < len(aged) - 3
+    for sample, two in zip(samples, aged, strict=True):
+        assert (sample.targets.moves == float(two)).all()

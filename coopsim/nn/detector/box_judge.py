@@ -1,0 +1,48 @@
+"""A second look at found boxes: which of their ends is the front, and how well they fit (CenterPoint, section 4.2)."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from coopsim.nn.covariance.covariance_net import PLACES, box_patches
+from coopsim.types import BevGrid
+
+_HIDDEN = (128, 64)
+
+
+class BoxJudge(nn.Module):
+    """A small network on the features in and around a box, at places that turn with it.
+
+    Its first number is odd under half a turn of the box: a box and the same one backwards have opposite ones. The
+    second number is even. A map's axes do not matter to either.
+
+    Args:
+        channels: channels of the features.
+    """
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.channels = channels
+        first, second = _HIDDEN
+        self.layers = nn.Sequential(
+            nn.Linear(PLACES**2 * channels, first), nn.ReLU(), nn.Linear(first, second), nn.ReLU(), nn.Linear(second, 2)
+        )
+
+    def forward(self, patches: Tensor) -> tuple[Tensor, Tensor]:
+        """Return two logits (N,) of `box_patches` (N, 9 C): the box is the right way round, and it fits.
+
+        The latter is of the quality min(1, max(0, 2 IoU - 0.5)).
+        """
+        patches = patches.float()
+        backwards = patches.view(len(patches), PLACES**2, self.channels).flip(1).flatten(1)
+        with torch.autocast(patches.device.type, enabled=False):
+            one, other = self.layers(patches), self.layers(backwards)
+        return one[:, 0] - other[:, 0], one[:, 1] + other[:, 1]
+
+
+def patches_of(features: Tensor, boxes: Tensor, number: Tensor, grid: BevGrid) -> Tensor:
+    """Return `box_patches` (N, 9 C) of boxes (N, 7) in the maps (A, C, h, w) of these numbers (N,)."""
+    parts = [box_patches(each, boxes[number == k], grid) for k, each in enumerate(features)]
+    out = torch.cat(parts)
+    return out[torch.argsort(torch.argsort(number, stable=True))]
