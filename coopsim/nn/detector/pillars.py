@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from coopsim.errors import InvalidValueError
+from coopsim.nn.detector.ground import surface
 from coopsim.support.checks import require_between, require_positive
 from coopsim.support.kernels import njit
 from coopsim.types import BevGrid
@@ -30,7 +31,7 @@ class GroundSettings:
     """Rule that tells points on the ground from others. They are dropped: half of all points lie there.
 
     Attributes:
-        relief_m: the ground under a point is within this height of the agent's own ground. Raise it for hilly places.
+        relief_m: the ground under a point is within this height of the smooth surface of `coopsim.nn.detector.ground`.
         above_m: points up to this height above the ground are dropped.
     """
 
@@ -98,7 +99,7 @@ def pillarize(points: NDArray[np.float32], grid: BevGrid, ground: GroundSettings
         raise InvalidValueError("points must be finite, got NaN or infinity")
     rows, columns = grid.shape
     features, count, cell = _gather(
-        points, grid.x_m[0], grid.y_m[0], grid.cell_m, rows, columns, max(1, round(_COARSE_M / grid.cell_m)),
+        points, surface(points), grid.x_m[0], grid.y_m[0], grid.cell_m, rows, columns, max(1, round(_COARSE_M / grid.cell_m)),
         ground.relief_m, ground.above_m,
     )  # fmt: skip
     return Pillars(features, count, cell, (rows, columns))
@@ -125,7 +126,7 @@ def collate(clouds: Sequence[Pillars]) -> PillarBatch:
 
 
 @njit(cache=True, nogil=True)
-def _gather(points, x_low, y_low, cell_m, rows, columns, coarse, relief_m, above_m):  # type: ignore[no-untyped-def]
+def _gather(points, base, x_low, y_low, cell_m, rows, columns, coarse, relief_m, above_m):  # type: ignore[no-untyped-def]
     """Return features (P', 10), counts (M,) and cells (M,) of the points inside and above ground."""
     total = len(points)
     place = np.empty(total, np.int64)
@@ -139,7 +140,7 @@ def _gather(points, x_low, y_low, cell_m, rows, columns, coarse, relief_m, above
             continue
         place[k] = row * columns + column
         i, j = row // coarse + 1, column // coarse + 1
-        lowest[i, j] = min(lowest[i, j], max(points[k, 2], -relief_m))
+        lowest[i, j] = min(lowest[i, j], max(points[k, 2] - base[k], -relief_m))
     floor = lowest.copy()  # of each coarse cell and its eight neighbours
     for i in range(1, low_rows - 1):
         for j in range(1, low_columns - 1):
@@ -150,7 +151,7 @@ def _gather(points, x_low, y_low, cell_m, rows, columns, coarse, relief_m, above
         if place[k] < 0:
             continue
         row, column = place[k] // columns, place[k] % columns
-        ground[k] = min(floor[row // coarse + 1, column // coarse + 1], np.float32(0.0) + relief_m)
+        ground[k] = base[k] + min(floor[row // coarse + 1, column // coarse + 1], np.float32(0.0) + relief_m)
         if points[k, 2] - ground[k] <= above_m:
             place[k] = -1
         else:
