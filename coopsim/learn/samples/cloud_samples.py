@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -99,8 +100,8 @@ def detector_samples(
             if not len(agent.points):
                 continue
             double = sweeps == 2 and joined(clip, k) and rng.random() >= settings.single
-            clouds = [sweeps_of(clip, k, other, 1 + double) for other in range(len(scene.agents))]
-            samples.append(_sample(scene, number, clouds, rng, settings, cell_m, moves=double or sweeps == 1))
+            cloud_of = partial(sweeps_of, clip, k, sweeps=1 + double)
+            samples.append(_sample(scene, number, cloud_of, rng, settings, cell_m, moves=double or sweeps == 1))
     return samples
 
 
@@ -114,7 +115,7 @@ def collate_detector(samples: Sequence[DetectorSample]) -> DetectorBatch:
 def _sample(
     scene: Scene,
     number: int,
-    clouds: Sequence[Points],
+    cloud_of: Callable[[int], Points],
     rng: np.random.Generator,
     settings: SampleSettings,
     cell_m: float,
@@ -129,7 +130,7 @@ def _sample(
     frame[3] = rng.uniform(-np.pi, np.pi)
     frame[:2] += rng.uniform(-0.5, 0.5, 2) * cell_m * STRIDE
     points = np.concatenate(
-        [_cloud(scene.agents[each], clouds[each], each == number, frame, rng, settings) for each in members]
+        [_cloud(scene.agents[each], cloud_of(each), each == number, frame, rng, settings) for each in members]
     )
     shown = scene.returns[:, members].sum(axis=1) > 0  # the agent itself too, where others see it
     boxes, velocity = boxes_in(scene.boxes[shown], scene.velocity[shown], frame)

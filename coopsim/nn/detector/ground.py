@@ -2,7 +2,8 @@
 
 The lowest points of wide cells are nearly all on the ground. A surface of B-splines is drawn through them by least
 squares in which points above it count little (asymmetric least squares: Eilers and Boelens 2005, "Baseline correction
-with asymmetric least squares smoothing"), and stays at the agent's own ground where there are none.
+with asymmetric least squares smoothing"), and stays at the agent's own ground where there are none. It is taken where
+flat ground explains clearly fewer of the lowest points: in a flat place it would only climb distant things.
 """
 
 from __future__ import annotations
@@ -17,24 +18,28 @@ from coopsim.support.kernels import njit
 
 _CELL_M, _CELLS = 6.4, 33  # cells of minima: to 105.6 m on each side
 _KNOT_M = 25.6  # hills of 50 m and more
-_BENT, _FLAT = 0.3, 0.03  # weights of second differences of the splines' numbers, and of their squares
-_ABOVE, _BELOW = 0.003, 0.01  # weights of minima far above the surface (things without ground beside) and far below it
+_BENT, _FLAT = 0.3, 0.1  # weights of second differences of the splines' numbers, and of their squares
+_ABOVE, _BELOW = 0.0003, 0.01  # weights of minima far above the surface (things without ground beside) and far below it
 _NEAR_M, _LESS = 0.15, 0.6  # lowest points are rather above the ground than below
 _GRADE = 0.06  # up to which first minima are believed: steep for a street
 _TOLERANCES = (1.0, 0.5), (0.3, 0.1)  # of each round of minima, as shares of that grade
 _OWN = slice(_CELLS // 2 - 1, _CELLS // 2 + 2)  # the agent stands there
+# On 34 flat sweeps the share is .85 to 1.07, on hilly ones up to .84 unless they are nearly flat.
+_ON_M, _AS_GOOD = 0.2, 0.83
+_ENOUGH = 30_000  # points of which the lowest are sought
 _LOW = -_CELL_M * _CELLS / 2
 
 
 def surface(points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the height (P,) m of the ground's surface under each of the points (P, >= 3) x, y, z m.
+    """Return the height (P,) m of the ground's surface under each of the points (P, >= 3) x, y, z m; zeros if flat.
 
     The agent is at the origin, and the ground under it at z = 0. Beyond 105 m the ground stays as high as at the rim.
     """
     heights = np.zeros((_CELLS, _CELLS), np.float32)
     splines, penalty, far_m = _splines()
+    few = np.ascontiguousarray(points[:: max(1, len(points) // _ENOUGH)])
     for tolerances in _TOLERANCES:
-        above = _minima(points, heights)
+        above = _minima(few, heights)
         above[_OWN, _OWN] = -heights[_OWN, _OWN]
         known, target = np.isfinite(above), above + heights
         for tolerance in tolerances:
@@ -42,7 +47,8 @@ def surface(points: NDArray[np.float32]) -> NDArray[np.float32]:
             weight = np.where(away > _LESS * near, _ABOVE, np.where(away < -near, _BELOW, 1.0)) * known
             number = _fitted(np.where(known, target, 0.0), weight, splines, penalty)
             heights = (splines @ number @ splines.T).astype(np.float32)
-    return _between(points, heights)
+    on_flat, on_surface = (np.count_nonzero(np.abs(_minima(few, each)) < _ON_M) for each in (0 * heights, heights))
+    return np.zeros(len(points), np.float32) if on_flat > _AS_GOOD * on_surface else _between(points, heights)
 
 
 @cache

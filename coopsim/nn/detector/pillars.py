@@ -98,8 +98,9 @@ def pillarize(points: NDArray[np.float32], grid: BevGrid, ground: GroundSettings
     if not np.isfinite(points).all():
         raise InvalidValueError("points must be finite, got NaN or infinity")
     rows, columns = grid.shape
+    coarse = max(1, round(_COARSE_M / grid.cell_m))
     features, count, cell = _gather(
-        points, surface(points), grid.x_m[0], grid.y_m[0], grid.cell_m, rows, columns, max(1, round(_COARSE_M / grid.cell_m)),
+        points, surface(points), grid.x_m[0], grid.y_m[0], grid.cell_m, rows, columns, coarse,
         ground.relief_m, ground.above_m,
     )  # fmt: skip
     return Pillars(features, count, cell, (rows, columns))
