@@ -33,7 +33,7 @@ def judge_losses(
         features: (B, C, h, w) its features.
         shared: (B, C, h, w) its shared features.
         logits: (B, 9, h, w) its heat.
-        targets: what is there.
+        targets: targets of the maps.
     """
     rows, columns = logits.shape[2:]
     grid = BevGrid((0.0, columns * targets.cell_m), (0.0, rows * targets.cell_m), targets.cell_m)
