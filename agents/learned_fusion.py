@@ -166,6 +166,10 @@ class LearnedFusion(PerceivingPolicy):
         content: ReceivedMap = received[number].content
         return content.content
 
+    def heat(self, values: Tensor) -> Tensor:
+        """Return the heat that a message's values alone show, for attackers who know the weights; see `Perceiver`."""
+        return self._perceiver.heat(values)
+
     def found_by(self, heading_rad: float, content: ReceivedMap) -> Detections:
         found = self._perceiver.detect(self._perceiver.alone(content), content.content.grid, self.least_score)
         return found.transform(SE3.from_xyz_yaw(np.zeros(3), -heading_rad))

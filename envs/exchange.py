@@ -151,7 +151,7 @@ def make_uplinks(
     """
     make, decoded = uplink_factory(options.uplink, options.codec), DecodeOnce()
     select = SELECTIONS.get(options.selection)
-    liars = liars or LyingAgents(options.attacks, specs, seed)
+    liars = liars or LyingAgents(options.attacks, specs, seed, network_of(options))
 
     def make_selection(agent: str) -> Selection:
         return select(stream(seed, "selection", agent))

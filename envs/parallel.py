@@ -27,7 +27,7 @@ from coopsim.envs.frames import Frame, FrameProbe, FrameSource, actor_rows, trut
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.rewards import RewardOption
 from coopsim.envs.scorer import Scorer
-from coopsim.envs.scoring import DriveRecorder, Rewards, ScoredView
+from coopsim.envs.scoring import DriveRecorder, Rewards, ScoredView, deception_logs, note_lies
 from coopsim.errors import EpisodeStateError, InvalidValueError, RecordingError, UnknownNameError
 from coopsim.metrics.drive_log import DriveLog
 from coopsim.metrics.score import Score, summarize
@@ -193,6 +193,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         )
         self._drives = DriveRecorder(self._frame, self._source.conflicts)
         self._trusts: dict[str, TrustLog] = {}
+        self._deceptions = deception_logs(self._options.attacks, self._frame)
         self.agents = list(self._frame.agents)
         self._rewards.begin(self.agent_specs, self._options.match_iou, self._source.region_m, seed)
         self._view.begin(self.road_map, self._frame)
@@ -220,6 +221,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         tracks, commands, said = unpack_actions(self.agents, actions, driving, self._parts)
         messages = self._exchange.compose(frame, said)
         self._halfway = True
+        note_lies(self._deceptions, frame, tracks, self.lies, self._source.region_m)
         counts = self._scorer.update(frame.agents, tracks)
         over = self._frame = replace(frame, probe=FrameProbe())  # frees the scene that is over
         self._view.update(over, tracks)
@@ -272,6 +274,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
                     bytes_per_s=self.bytes_per_s(name),
                     drives=[self.drives[name]] if name in self.drives else [],
                     trusts=[self._trusts[name]] if name in self._trusts else [],
+                    deceptions=[self._deceptions[name]] if name in self._deceptions else [],
                 )
                 for name, log in logs.items()
             }

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from coopsim.attacks.attack_option import AttacksOption, attacks_by_agent
 from coopsim.envs.frames import AgentFrame, Frame, world_points
 from coopsim.envs.message_gain import MessageGain, MessageGains
 from coopsim.envs.rewards import DriveReward, DriveStep, Reward, RewardOption, make_reward
 from coopsim.errors import InvalidValueError
+from coopsim.metrics.deception_log import DeceptionLog
 from coopsim.metrics.drive_log import DriveFrame, DriveLog
 from coopsim.metrics.evaluator import FrameCounts
 from coopsim.types import AgentSpec, Tracks, stack_xyz_yaw
+from coopsim.types.lies import Lie
 from coopsim.viz.bev import BevFrame, BevRenderer
 from coopsim.world.snapshot import RoadMap
 
@@ -85,6 +88,27 @@ class DriveRecorder:
             assert agent.car is not None
             pose, command = stack_xyz_yaw(agent.body.world_SE3_base)[[0, 1, 3]], commands.get(name, math.nan)
             log.append(DriveFrame(frame.time_ns, pose, agent.car, agent.truth, reported, command, self._conflicts))
+
+
+def deception_logs(attacks: AttacksOption, frame: Frame) -> dict[str, DeceptionLog]:
+    """Return new logs of the agents that are lied to: of all honest ones, where there is any attack."""
+    liars = attacks_by_agent(attacks)
+    return {name: DeceptionLog() for name in frame.agents if liars and name not in liars}
+
+
+def note_lies(
+    logs: Mapping[str, DeceptionLog],
+    frame: Frame,
+    tracks: Mapping[str, Tracks],
+    lies: Sequence[Lie],
+    region_m: tuple[float, float] | None,
+) -> None:
+    """Log a frame's lies beside the tracks that honest agents report for it."""
+    region = None if region_m is None else np.array(region_m)
+    for name, log in logs.items():
+        if name in frame.agents:
+            agent = frame.agents[name]
+            log.append(lies, agent.body.world_SE3_base, agent.truth, tracks[name], region)
 
 
 class ScoredView:

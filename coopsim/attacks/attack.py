@@ -146,12 +146,14 @@ class Attack:
         end_s: time until which the agent lies.
         against: name of the receiver that is meant; None: the nearest one, where the attack means one.
         knowledge: knowledge that it needs, see `KNOWLEDGE`.
+        contents: contents of messages that it can lie in; (): all on which its hooks have an effect.
     """
 
     start_s: float = 0.0
     end_s: float = math.inf
     against: str | None = None
     knowledge: ClassVar[str] = "none"
+    contents: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
         for name in ("start_s", "end_s"):
@@ -209,6 +211,8 @@ def hooks_of(attack: type[Attack]) -> tuple[str, ...]:
 def contents_of(attack: type[Attack]) -> tuple[str, ...]:
     """Return the contents of messages that a class of attacks can lie in; () for all."""
     hooks = hooks_of(attack)
+    if attack.contents:
+        return attack.contents
     if any(not HOOKS[name] for name in hooks):
         return ()
     return tuple(dict.fromkeys(content for name in hooks for content in HOOKS[name]))

@@ -66,26 +66,36 @@ class PlacedClaim(Attack):
     def placed(self, view: AttackerView) -> tuple[int, Boxes3D, Floats] | None:
         """Return the object's number, its box in the attacker's base frame and its velocity (1, 2) there.
 
-        None: nothing was heard of the victim yet.
+        None: nothing was heard of the victim yet, or there is no place for it.
         """
         victim = view.victim(self._victim)
         if victim is None:
             return None
         self._victim = victim.name
         length, width, height = SIZES_M[self.label]
-        world_SE3_object, velocity = self._motion(view, victim)
+        moving = self._motion(view, victim)
+        if moving is None:
+            return None
+        world_SE3_object, velocity = moving
         lifted = world_SE3_object.translation + np.array([0.0, 0.0, height / 2])
         row = np.array([[*lifted, length, width, height, world_SE3_object.yaw]])
         base_SE3_world = view.world_SE3_base.inverse()
         return self._id, Boxes3D.from_array(row).transform(base_SE3_world), base_SE3_world.rotate_planar(velocity[None])
 
-    def _motion(self, view: AttackerView, victim: Victim) -> tuple[SE3, Floats]:
-        """Return the object's place on the ground and its velocity (2,), in the world frame."""
+    def begin_at(self, view: AttackerView, victim: Victim) -> SE3 | None:
+        """Return the place, in the world frame, at which the object appears; None: there is none now."""
+        return victim.world_SE3_base.compose(self._start(_ASIDE_M))
+
+    def _motion(self, view: AttackerView, victim: Victim) -> tuple[SE3, Floats] | None:
+        """Return the object's place on the ground and its velocity (2,), in the world frame; None: it is nowhere."""
         if self.motion == "along":
             self._id = max(self._id, 0)
             return victim.world_SE3_base.compose(self._start(0.0)), victim.velocity
         if self._world_SE3_start is None or self._is_over(view, victim):
-            self._world_SE3_start = victim.world_SE3_base.compose(self._start(_ASIDE_M))
+            start = self.begin_at(view, victim)
+            if start is None:
+                return None
+            self._world_SE3_start = start
             self._begun_s, self._id = view.time_s, self._id + 1
         start = self._world_SE3_start
         if self.motion == "standing":
@@ -116,6 +126,11 @@ _PAST_M = 10.0
 """Distance behind the victim at which a standing object has served."""
 
 
+_OWN_BODY_M, _HIDES_FROM_M, _BEHIND_M = 3.0, 3.0, 0.5
+"""Distance from the victim of what is not the victim itself; length from which an object hides a car; and the gap
+behind it. A car is hidden by what is as large as itself."""
+
+
 @ATTACKS.register("ghost")
 @dataclass(kw_only=True)
 class Ghost(PlacedClaim):
@@ -125,13 +140,37 @@ class Ghost(PlacedClaim):
 
     Attributes:
         score: confidence of the detection or track.
+        knows: "nothing", or "visibility": the attacker knows that receivers compare claims with what they see to be
+            free. So a standing ghost is put behind an object that the attacker detects, where the victim cannot look.
     """
 
     score: float = 0.9
+    knows: str = "nothing"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require_probability(score=self.score)
+        require_choice("knows", self.knows, ("nothing", "visibility"))
+        if self.knows != "nothing" and self.motion != "standing":
+            raise InvalidValueError(f"knows must be 'nothing' for a ghost that moves, got {self.knows!r}")
+
+    def begin_at(self, view: AttackerView, victim: Victim) -> SE3 | None:
+        wanted = super().begin_at(view, victim)
+        if self.knows == "nothing" or wanted is None:
+            return wanted
+        objects = view.observation.detections.boxes.transform(view.world_SE3_base)
+        eye = victim.world_SE3_base.translation[:2]
+        toward = objects.center[:, :2] - eye
+        far_m = np.hypot(*toward.T)
+        usable = np.flatnonzero((far_m > _OWN_BODY_M) & (objects.size[:, 0] > _HIDES_FROM_M))
+        if not len(usable):
+            return None
+        # Behind the middle by half of both lengths, whichever way they face, and a little.
+        behind_m = (objects.size[usable, 0] + SIZES_M[self.label][0]) / 2 + _BEHIND_M
+        places = eye + toward[usable] * (1 + behind_m / far_m[usable])[:, None]
+        best = int(np.argmin(np.hypot(*(places - wanted.translation[:2]).T)))
+        ground_m = objects.bottom[usable[best]]
+        return SE3.from_xyz_yaw(np.append(places[best], ground_m), wanted.yaw)
 
     def detect(self, view: AttackerView, detections: Detections) -> Detections:
         claims = self._claims(view)

@@ -151,6 +151,12 @@ class _Liar:
         self, spec: AgentSpec, attacks: Sequence[Attack], seed: int, kinds: Mapping[str, str], network: object
     ) -> None:
         self.attacks = attacks
+        for attack in attacks:
+            if attack.knowledge == KNOWLEDGE[-1] and not hasattr(network, "heat"):
+                raise InvalidValueError(
+                    f"attack {_name_of(attack)!r} needs the weights of a policy on maps of features, such as attfuse, "
+                    f"as the option uplink: got {network!r}"
+                )
         self._spec, self._kinds, self._network = spec, kinds, network
         self._rngs = [stream(seed, "attack", spec.name, str(number)) for number in range(len(attacks))]
         self._heard: dict[str, tuple[Message, ...]] = {}
@@ -250,12 +256,12 @@ def _require_content(attack: Attack, uplink: Uplink, agent: str) -> None:
         raise InvalidValueError(f"attacks must be None where actions say what is sent: {agent}'s action can lie")
     if not hooks:
         raise InvalidValueError(f"attack {_name_of(attack)!r} overrides no hook, so it has no effect")
+    if uplink.content == "none":  # an agent that says nothing cannot lie: the line of one's own view alone
+        return
     if accepted and uplink.content not in accepted:
         raise InvalidValueError(
             f"attack {_name_of(attack)!r} lies in {' or '.join(accepted)}, and {agent} broadcasts {uplink.content!r}: "
             "choose another attack, or a policy with another uplink"
         )
-    if uplink.content == "none":
-        raise InvalidValueError(f"attack {_name_of(attack)!r} needs messages, and {agent} sends none")
     if not isinstance(uplink, ContentUplink) and {"track", "encode"} & set(hooks):
         raise InvalidValueError(f"attack {_name_of(attack)!r} needs a ContentUplink, got {type(uplink).__name__}")

@@ -156,6 +156,21 @@ def named_options(options: argparse.Namespace, flags: Mapping[str, str] | None =
     return given
 
 
+def attacks(text: str) -> str:
+    """Parse attacks of agents, as `cav_1=ghost(ahead_m=15) + rsu_0=remove`, or `none`. Return their one spelling."""
+    from coopsim.attacks.attack_option import spell_attacks
+
+    try:
+        return "" if text == "none" else spell_attacks(text)
+    except CoopsimError as error:  # argparse hides the text of other exceptions
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
+def add_attack(parser: argparse._ActionsContainer, of: str) -> None:
+    """Declare `--attack AGENT=ATTACK`."""
+    parser.add_argument("--attack", type=attacks, action="append", default=[], metavar="cav_1=ghost", help=of)
+
+
 def numbers(text: str) -> tuple[float, ...]:
     """Parse numbers with commas between them."""
     try:

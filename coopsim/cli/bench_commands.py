@@ -14,6 +14,7 @@ from coopsim.cli.arguments import (
     INTERRUPTED,
     Command,
     add_all_grids,
+    add_attack,
     add_isolation,
     add_options,
     as_json,
@@ -101,7 +102,7 @@ _NO_NUMBER = {"--out": 1, "--workers": 1, "--engine": 1, "--address": 1, "--retr
 def _add_bench(parser: argparse.ArgumentParser) -> None:
     grid = parser.add_argument_group("grid", "flags replace values of the preset or file")
     add = grid.add_argument
-    add("--preset", metavar="NAME", help="quick, latency, pose, loss, bandwidth, paper or safety")
+    add("--preset", metavar="NAME", help="quick, latency, pose, loss, bandwidth, paper, safety or lies")
     add("--grid", type=Path, metavar="FILE", help="YAML with these names, underscores for dashes")
     add("--trust", action="store_true", help="run policies that FILE names as module:Class or file.py:Class")
     add("--policies", type=policies, metavar="A,B(x=1)", help="see `list`; all; or module:Class, or file.py:Class")
@@ -114,6 +115,7 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     add("--pose", choices=("product", "together"), help="each position noise with each of heading, or pairs of them")
     add("--bandwidths-mbit-s", type=numbers, metavar="0.1,inf", help="of the medium that all agents share")
     add("--penetrations", type=numbers, metavar="0.1,1", help="shares of the other cars that are connected")
+    add_attack(grid, "agents that lie, as one condition; several times: several, of which `none` is honest")
     add("--vary", choices=("product", "one_by_one"), help="all together, or each of the above by itself")
     add("--seeds", type=seeds, metavar="0-4")
     add("--frames", type=_frames, metavar="N", help="length of each run; episode: until its episode ends")
@@ -205,6 +207,7 @@ def _flag_values(options: argparse.Namespace) -> dict[str, Any]:
     from coopsim.bench.grid.grid import ATTRIBUTES
 
     given = {name: getattr(options, name, None) for name in ATTRIBUTES}
+    given["attacks"] = options.attack or None
     if options.option:
         given["options"] = named_options(options)
     return {name: None if value == _EPISODE else value for name, value in given.items() if value is not None}

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from coopsim.cli.arguments import (
     INTERRUPTED,
     Command,
+    add_attack,
     add_options,
     add_population,
     as_json,
@@ -38,6 +39,7 @@ _FLAGS = {
     "max_cycles": "--frames",
     "playback": "--playback",
     "seed": "--seed",
+    "attacks": "--attack",
     "uplink": "--policies, each of which has its own",
 }
 """Options that must be given by a flag, and the flag."""
@@ -55,6 +57,7 @@ def _add_demo(parser: argparse.ArgumentParser) -> None:
     add("--position-noise-m", type=float, help=f"default: 0.2{_UNLESS}")
     add("--heading-noise-deg", type=float, help=f"default: 0.2{_UNLESS}")
     add("--loss", type=float, help=f"probability in [0, 1] (default: 0{_UNLESS})")
+    add_attack(parser, "an agent that lies; may be given several times")
     add_options(parser, "of the environment, as detector=pointpillars_v2v4real, channel=FILE or, of town, place_seed=7")
     add("--report", type=Path, default=Path("coopsim-demo.html"), metavar="PATH", help="default: %(default)s")
     add("--json", type=Path, metavar="PATH", help="write the numbers here as well")
@@ -105,6 +108,8 @@ def _config(options: argparse.Namespace) -> DemoConfig:
     world = {} if played is None else {**played.header.population, "playback": options.playback}
     given = named_options(options, _FLAGS)
     explicit = {*given, *_options_of_file(options.environment)}
+    if options.attack:
+        given["attacks"] = " + ".join(filter(None, options.attack))
     given = {**world, **population(options), **_degradation(options, explicit), **given}
     return DemoConfig(options.environment, options.policies, _latencies_s(options, explicit), frames, seed, given)
 

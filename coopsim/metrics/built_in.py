@@ -13,6 +13,7 @@ import numpy as np
 
 from coopsim.metrics.average_precision import AP_THRESHOLDS
 from coopsim.metrics.clear import Clear, RecallSweep
+from coopsim.metrics.deception import DECEPTION
 from coopsim.metrics.driving import DRIVING
 from coopsim.metrics.finding import FINDING
 from coopsim.metrics.log_pool import LogPool
@@ -192,6 +193,7 @@ BUILT_IN: Mapping[str, Metric] = {
     ),
     **DRIVING,
     **FINDING,
+    **DECEPTION,
 }
 
 for _name, _metric in BUILT_IN.items():

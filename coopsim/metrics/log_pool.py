@@ -9,6 +9,7 @@ import numpy as np
 
 from coopsim.metrics.average_precision import AP_THRESHOLDS, average_precision
 from coopsim.metrics.clear import NearSweep, RecallSweep, sweep_near, sweep_recall
+from coopsim.metrics.deception_log import DeceptionLog
 from coopsim.metrics.drive_events import DriveEvents, find_events
 from coopsim.metrics.drive_log import DriveLog
 from coopsim.metrics.hota_idf1 import Hota, Identity, count_hota, count_identity
@@ -30,6 +31,7 @@ class LogPool:
         bytes_per_s: bytes that the agent broadcasts per second; None: not known.
         drives: logs of drives, one per sequence in which the agent's car was driven by its policy.
         trusts: logs of the agent's trust in its senders, one per sequence with a defence.
+        deceptions: logs of the lies that the agent was told, one per sequence with any.
     """
 
     def __init__(
@@ -39,12 +41,14 @@ class LogPool:
         bytes_per_s: float | None = None,
         drives: Iterable[DriveLog] = (),
         trusts: Iterable[TrustLog] = (),
+        deceptions: Iterable[DeceptionLog] = (),
     ) -> None:
         self.logs: Sequence[FlatLog] = tuple(logs)
         self.superclass_logs = self.logs if superclass_logs is None else tuple(superclass_logs)
         self.bytes_per_s = bytes_per_s
         self.drives: Sequence[DriveLog] = tuple(log for log in drives if len(log))
         self.trusts: Sequence[TrustLog] = tuple(log for log in trusts if log.frames)
+        self.deceptions: Sequence[DeceptionLog] = tuple(log for log in deceptions if log.ghosts or log.denied)
 
     @classmethod
     def of(
@@ -53,10 +57,11 @@ class LogPool:
         bytes_per_s: float | None = None,
         drives: Iterable[DriveLog] = (),
         trusts: Iterable[TrustLog] = (),
+        deceptions: Iterable[DeceptionLog] = (),
     ) -> LogPool:
-        """Pool the logs of evaluators, those of drives, and those of trust."""
+        """Pool the logs of evaluators, and those of drives, of trust and of lies."""
         pools = [log.flat() for log in logs]
-        return cls([pool.by_class() for pool in pools], pools, bytes_per_s, drives, trusts)
+        return cls([pool.by_class() for pool in pools], pools, bytes_per_s, drives, trusts, deceptions)
 
     @cached_property
     def drive_events(self) -> tuple[DriveEvents, ...]:

@@ -13,6 +13,7 @@ from tabulate import tabulate
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.metrics.built_in import BUILT_IN, all_metrics, clear_values, custom_metrics
 from coopsim.metrics.clear import RecallSweep
+from coopsim.metrics.deception_log import DeceptionLog
 from coopsim.metrics.drive_log import DriveLog
 from coopsim.metrics.driving import DRIVING_SHOWN
 from coopsim.metrics.log_pool import LogPool
@@ -154,6 +155,7 @@ def summarize(
     bytes_per_s: float | None = None,
     drives: Sequence[DriveLog] = (),
     trusts: Sequence[TrustLog] = (),
+    deceptions: Sequence[DeceptionLog] = (),
 ) -> Score:
     """Score one agent over any number of sequences, pooled, by every registered metric.
 
@@ -165,12 +167,13 @@ def summarize(
         drives: one per sequence in which the agent's car was driven by its policy; empty: the score has no values of
             driving.
         trusts: one per sequence in which the agent had a defence; empty: the score has no values of finding attackers.
+        deceptions: one per sequence in which the agent was told lies; empty: the score has no values of attacks.
 
     Raises:
         UnknownNameError: `false_positives` is neither "count" nor "ignore".
     """
     require_choice("false_positives", false_positives, ("count", "ignore"))
-    pool = LogPool.of(logs, bytes_per_s, drives, trusts)
+    pool = LogPool.of(logs, bytes_per_s, drives, trusts, deceptions)
     parts: dict[str, Any] = {
         name: {child: _score(part) for child, part in getattr(pool, name).items()} for name in _PARTS
     }

@@ -16,8 +16,15 @@ from coopsim.wire.observation_format import ObservationFormat
 
 _LIAR, _RECEIVER, _FRAMES, _SEED, _START_S = "cav_1", "cav_0", 6, 3, 0.2
 
-_POLICIES: Mapping[str, str] = {"detections": "late_fusion", "tracks": "track_to_track"}
-"""A policy for each content of messages that is read here; points are shared by the uplink of that name."""
+_POLICIES: Mapping[str, str] = {
+    "detections": "late_fusion",
+    "tracks": "track_to_track",
+    "points": "no_fusion",
+    "features": "attfuse",
+}
+"""A policy for each content of messages; points are shared by the uplink of that name."""
+
+_OF_BOXES = "detections", "tracks"
 
 _Frame = tuple[Mapping[str, Observation], tuple[Lie, ...]]
 
@@ -42,10 +49,9 @@ def check_attack(attack: str | type[Attack] | Callable[[], Attack]) -> None:
     assert make_attack(attack) is not made, f"{name} must make a new attack for each agent and episode"
     assert made.knowledge in KNOWLEDGE, f"{name} must state its knowledge, one of {KNOWLEDGE}, got {made.knowledge!r}"
     assert hooks_of(type(made)), f"{name} must override a hook"
-    contents = contents_of(type(made)) or tuple(_POLICIES)
-    for content in contents:
-        if content in (*_POLICIES, "points"):
-            _check_in(attack, name, content)
+    contents = [each for each in contents_of(type(made)) or _OF_BOXES if each in _POLICIES]
+    for content in ["points"] if "points" in contents else contents:  # of points are features, too
+        _check_in(attack, name, content)
 
 
 def _check_in(attack: Any, name: str, content: str) -> None:
@@ -97,9 +103,9 @@ def _told(frame: _Frame) -> str:
 
 def _play(attacks: Any, content: str) -> list[_Frame]:
     """Return what agents observe, and the lies, in each frame of a small episode."""
-    policy = make_policy(_POLICIES.get(content, "late_fusion"))
-    uplink: Any = policy if content in _POLICIES else content
-    rays = {} if content == "points" else {"lidar": None}
+    policy = make_policy(_POLICIES[content])
+    uplink: Any = content if content == "points" else policy
+    rays = {"lidar": None} if content in _OF_BOXES else {}
     options = {**SMALL, **rays, "max_cycles": _FRAMES, "uplink": uplink, "attacks": attacks}
     env = parallel_env("crossing", **options)
     form = ObservationFormat.to_unpack(env.agent_specs)

@@ -25,8 +25,9 @@ class Episode:
 
     def __init__(self, attacks: Any, policy: str = "late_fusion", frames: int = 12, **options: Any) -> None:
         tracker = coopsim.make_policy(policy)
+        uplink = options.pop("uplink_name", tracker)
         options = {"lidar": None, "max_cycles": frames, "expose_ground_truth": True, **options}
-        self.env = env = coopsim.parallel_env("crossing", uplink=tracker, attacks=attacks, **options)
+        self.env = env = coopsim.parallel_env("crossing", uplink=uplink, attacks=attacks, **options)
         form = ObservationFormat.to_unpack(env.agent_specs)
         packed, infos = env.reset(seed=3)
         tracker.reset(env.agent_specs, seed=3)
@@ -138,8 +139,31 @@ def test_a_wrong_option_is_refused_when_the_environment_is_made(attacks: Any, er
 def test_an_attack_that_cannot_lie_in_the_content_is_refused() -> None:
     with pytest.raises(InvalidValueError, match="'ghost' lies in detections or tracks, and cav_1 broadcasts 'points'"):
         coopsim.parallel_env("crossing", uplink="points", attacks={LIAR: "ghost"})
-    with pytest.raises(InvalidValueError, match="'none'"):
-        coopsim.parallel_env("crossing", uplink="none", attacks={LIAR: "ghost"})
+
+
+def test_agents_that_say_nothing_cannot_lie() -> None:
+    attacked = Episode({LIAR: ["ghost", "flood", "pose_offset"]}, "no_fusion", frames=4)
+    assert attacked.lies == [()] * 5 and attacked.env.channel_counts.sent == 0
+
+
+def test_a_flood_is_bounded_and_what_is_dropped_is_counted() -> None:
+    attacked = Episode({LIAR: "flood(messages=5000)"}, "no_fusion", frames=3, uplink_name="detections")
+    counts = attacked.env.channel_counts
+    assert max(len(seen[VICTIM].inbox) for seen in attacked.seen) <= 1000 + 3
+    assert counts.dropped == 4 * 3 * 4000
+    assert counts.sent == counts.delivered + counts.lost + counts.pending
+
+
+def test_strangers_speak_for_a_liar() -> None:
+    attacked = Episode({LIAR: ["ghost", "sybil(senders=2)"]}, frames=4)
+    inbox = {message.sender: message for message in attacked.seen[-1][VICTIM].inbox}
+    assert {"stranger_0", "stranger_1", LIAR} <= inbox.keys()
+    assert set(attacked.infos[-1][VICTIM]["attackers"]) == {"stranger_0", "stranger_1", LIAR}
+    row = attacked.claimed()[-1][1]
+    for sender in ("stranger_0", "stranger_1"):
+        found = decode_detections(inbox[sender]).boxes.transform(inbox[sender].pose.world_SE3_base)
+        assert np.hypot(*(found.center[:, :2] - row[:2]).T).min() < 0.05
+    assert np.hypot(*(inbox[LIAR].pose.xyz_yaw - inbox["stranger_0"].pose.xyz_yaw)[:2]) == pytest.approx(6)
 
 
 def test_a_text_means_the_same_as_a_mapping() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass, field, replace
 from functools import lru_cache
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from coopsim.attacks.attack_option import spell_attacks
 from coopsim.catalog import is_recordings_folder, is_scenario_file, scenario_file_options
 from coopsim.config.load import read_mapping
 from coopsim.errors import InvalidValueError
@@ -30,6 +32,7 @@ class Condition:
         bandwidth_bit_s: rate of the medium that all agents share; infinite: transmission takes no time.
         penetration: share of the other cars that are connected, for environments with that option; None: the
             environment's own.
+        attacks: lies of agents, as the text of the environments' option `attacks`; empty: all are honest.
     """
 
     scenario: str = "crossing"
@@ -39,6 +42,7 @@ class Condition:
     heading_noise_deg: float = 0.0
     bandwidth_bit_s: float = math.inf
     penetration: float | None = None
+    attacks: str = ""
 
     def __post_init__(self) -> None:
         require_non_negative(
@@ -48,22 +52,25 @@ class Condition:
         require_number("> 0 (inf: no limit)", lambda rate: rate > 0, bandwidth_bit_s=self.bandwidth_bit_s)
         if self.penetration is not None:
             require_probability(penetration=self.penetration)
+        object.__setattr__(self, "attacks", spell_attacks(self.attacks))
 
     def __lt__(self, other: Condition) -> bool:
         return _order(self) < _order(other)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the fields by name, without a penetration that is the environment's own: keys are made from them."""
+        """Return the fields by name, without an unset penetration and without no attacks: keys are made from them."""
         found = asdict(self)
         if self.penetration is None:
             del found["penetration"]
+        if not self.attacks:
+            del found["attacks"]
         return found
 
 
 def _order(condition: Condition) -> tuple[Any, ...]:
     """Return what conditions are sorted by: their fields, an unset penetration before all others."""
-    *others, penetration = astuple(condition)
-    return *others, -1.0 if penetration is None else penetration
+    *others, penetration, attacks = astuple(condition)
+    return *others, -1.0 if penetration is None else penetration, attacks
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -167,7 +174,8 @@ def environment_options(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any
     one_thread = {} if is_recordings_folder(condition.scenario) else _ONE_THREAD
     connected = {} if condition.penetration is None else {"penetration": condition.penetration}
     length = {} if cell.frames is None else {"max_cycles": cell.frames}
-    return {**one_thread, **made, **on_air, **noise, **connected, **length}
+    lies = {"attacks": condition.attacks} if condition.attacks else {}
+    return {**one_thread, **made, **on_air, **noise, **connected, **length, **lies}
 
 
 def scenario_options(scenario: str) -> Mapping[str, Any]:
@@ -241,6 +249,19 @@ class Axis:
         return -value if self.less_harms else value
 
 
+@dataclass(frozen=True, slots=True)
+class AttackAxis(Axis):
+    """The attacks of a condition, which are no number: honest is 0, and each attack has a number of its own."""
+
+    def value(self, condition: Condition) -> float:
+        if not condition.attacks:
+            return 0.0
+        return 1.0 + zlib.crc32(condition.attacks.encode()) / 2**32
+
+    def text(self, condition: Condition) -> str:
+        return condition.attacks or "none"
+
+
 AXES = (
     Axis("latency_s", "latency", "ms", 1e3),
     Axis("loss", "loss", "%", 1e2),
@@ -248,6 +269,7 @@ AXES = (
     Axis("heading_noise_deg", "heading noise", "°"),
     Axis("bandwidth_bit_s", "bandwidth", "Mbit/s", 1e-6, less_harms=True),
     Axis("penetration", "penetration", "%", 1e2, "the environment's own", less_harms=True),
+    AttackAxis("attacks", "attacks", ""),
 )
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
+from coopsim.attacks.attack_option import spell_attacks
 from coopsim.bench.grid.cell import Cell, Condition
 from coopsim.bench.grid.policies import PROCESSOR, detector_on, name_all, policy_on, require_device
 from coopsim.bench.store.fingerprint import plain_options
@@ -33,6 +34,7 @@ _NOT_OPTIONS: Mapping[str, str] = {
     "heading_noise_rad": "heading_noises_deg",
     "max_cycles": "frames",
     "seed": "seeds",
+    "attacks": "attacks",
     "uplink": "policies, each of which has its own",
     "threads": "workers",
     "record": "`coopsim record`",
@@ -55,8 +57,9 @@ class Grid:
         pose: "product", or "together": the first position noise with the first heading noise, and so on.
         bandwidths_mbit_s: rates of the medium that all agents share, 1e6 bit/s; infinite: transmission takes no time.
         penetrations: shares of the other cars that are connected; None: the environment's own.
-        vary: "product", or "one_by_one": in each condition at most one of latency, loss, pose, bandwidth and
-            penetration is not at the mildest value of its list. With `pose="together"` both noises are one.
+        attacks: lies of agents, each as "cav_1=ghost(ahead_m=15) + rsu_0=remove"; "none" or empty: all are honest.
+        vary: "product", or "one_by_one": in each condition at most one of latency, loss, pose, bandwidth,
+            penetration and attacks is not at the mildest value of its list. With `pose="together"` both noises are one.
         seeds: each decides everything in a run.
         frames: length of each run; None: the episode's own.
         options: further options of the environments, plain data, the same in all cells.
@@ -77,6 +80,7 @@ class Grid:
     pose: Literal["product", "together"] = "product"
     bandwidths_mbit_s: Sequence[float] = (math.inf,)
     penetrations: Sequence[float | None] = (None,)
+    attacks: Sequence[str] = ("",)
     vary: Literal["product", "one_by_one"] = "product"
     seeds: Sequence[int] = (0,)
     frames: int | None = 100
@@ -100,6 +104,7 @@ class Grid:
         _check_each("losses", self.losses, require_probability)
         _check_each("bandwidths_mbit_s", self.bandwidths_mbit_s, _require_rate)
         _check_each("penetrations", [each for each in self.penetrations if each is not None], require_probability)
+        object.__setattr__(self, "attacks", tuple(_spelled(each) for each in self.attacks))
         for seed in self.seeds:
             require_count(0, _MOST_SEED, seeds=seed)
         if self.frames is not None:
@@ -125,17 +130,18 @@ class Grid:
 
     def conditions(self) -> Iterator[Condition]:
         """Yield the conditions; the last list varies fastest, and `vary` decides which are left out."""
-        for scenario, latency_ms, loss, (position_m, heading_deg), rate, connected in itertools.product(
+        for scenario, latency_ms, loss, (position_m, heading_deg), rate, connected, lies in itertools.product(
             self.scenarios,
             self.latencies_ms,
             self.losses,
             self._poses(),
             self.bandwidths_mbit_s,
             self.penetrations,
+            self.attacks,
         ):
             share = None if connected is None else float(connected)
             numbers = latency_ms / 1000, float(loss), float(position_m), float(heading_deg), rate * 1e6
-            condition = Condition(scenario, *numbers, share)
+            condition = Condition(scenario, *numbers, share, lies)
             if self.vary == "product" or self._disturbances(condition) <= 1:
                 yield condition
 
@@ -161,6 +167,7 @@ class Grid:
             condition.loss > min(self.losses),
             condition.bandwidth_bit_s < max(self.bandwidths_mbit_s) * 1e6,
             _share(condition.penetration) < max(map(_share, self.penetrations)),
+            condition.attacks != self.attacks[0],
         )
         return pose + sum(others)
 
@@ -179,6 +186,13 @@ ATTRIBUTES = tuple(each.name for each in fields(Grid) if each.init)
 
 LISTS = tuple(name for name in ATTRIBUTES if name not in ("pose", "vary", "frames", "options", "device"))
 """The attributes that are lists."""
+
+
+def _spelled(attacks: object) -> str:
+    """Return attacks as one text; empty for "none"."""
+    if not isinstance(attacks, str):
+        raise InvalidValueError(f'attacks must be texts like "cav_1=ghost + rsu_0=remove" or "none", got {attacks!r}')
+    return "" if attacks == "none" else spell_attacks(attacks)
 
 
 def _require_distinct(name: str, values: Sequence[Any]) -> None:

@@ -163,10 +163,11 @@ def name_of(cell: Cell) -> str:
     """Describe a cell in words."""
     where, length = cell.condition, f"{cell.frames} frames" if cell.frames else "whole episode"
     connected = "" if where.penetration is None else f"penetration {where.penetration:g}, "
+    lies = "" if not where.attacks else f"attacks {where.attacks}, "
     return (
         f"{cell.policy}, {where.scenario}, latency {where.latency_s * 1000:g} ms, loss {where.loss:g}, "
         f"noise {where.position_noise_m:g} m and {where.heading_noise_deg:g} degrees, "
-        f"bandwidth {where.bandwidth_bit_s:g} bit/s, {connected}seed {cell.seed}, {length}"
+        f"bandwidth {where.bandwidth_bit_s:g} bit/s, {connected}{lies}seed {cell.seed}, {length}"
     )
 
 

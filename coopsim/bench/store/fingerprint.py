@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import coopsim
+from coopsim.attacks.attack_option import attacks_by_agent
 from coopsim.bench.grid.cell import Cell, scenario_options
 from coopsim.bench.grid.policies import arithmetic_of
 from coopsim.catalog import SCENARIO_SUFFIXES, PolicySpec, is_recordings_folder
@@ -73,7 +74,8 @@ def fingerprint(
         elif package != "coopsim":
             code[package] = sources.described(package)
     plain, needs = plain_options(options), getattr(kind, "needs", None)
-    named = (cell.condition.scenario, plain, dict(policy.parameters))
+    lies = {agent: list(attacks) for agent, attacks in attacks_by_agent(cell.condition.attacks or None).items()}
+    named = (cell.condition.scenario, plain, dict(policy.parameters), *([lies] if lies else []))
     contents = {path: Path(path).read_bytes() for path in sorted(set(_files(named)))}
     said = [repr((named, needs)).encode(), *(content[:_MOST_NAMES] for content in contents.values())]
     for package in _plug_ins(b"\n".join(said)):

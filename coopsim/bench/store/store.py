@@ -161,7 +161,8 @@ _SCHEMA = pa.schema(
         ("position_noise_m", pa.float64()),
         ("heading_noise_deg", pa.float64()),
         ("bandwidth_bit_s", pa.float64()),
-        ("penetration", pa.float64()),  # only where it is set
+        ("penetration", pa.float64()),  # only where it is set, as the next
+        ("attacks", pa.string()),
         ("seed", pa.int64()),
         ("frames", pa.int64()),
         ("values", _VALUES),
@@ -198,7 +199,8 @@ def encode(result: CellResult, decided_by: str) -> bytes:
         "bound": result.bound,
         "decided_by": decided_by,
     }
-    schema = _SCHEMA if "penetration" in row else _SCHEMA.remove(_SCHEMA.get_field_index("penetration"))
+    unset = {"penetration", "attacks"} - row.keys()
+    schema = pa.schema([column for column in _SCHEMA if column.name not in unset])
     table = pa.Table.from_pylist([{**row, "checksum": _checksum(row)}], schema)
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, compression="zstd")

@@ -160,6 +160,13 @@ class Perceiver:
             features: Tensor = self._net.expand(values, values.new_zeros(1))[0]
             return features if received.sent is None else features * received.sent
 
+    def heat(self, values: Tensor) -> Tensor:
+        """Return the logits of the heat (9, h, w) that a message's values (C, h, w) alone show, with gradients."""
+        (placed,) = self._backend.put((values[: self._channels],))
+        with torch.enable_grad():
+            logits: Tensor = self._net.head.heat(self._net.expand(placed[None], placed.new_zeros(1)))[1][0]
+        return logits
+
     def detect(self, features: Tensor, grid: BevGrid, least_score: float) -> Detections:
         """Return the detections in a map of features (64, H, W), in the frame of its grid."""
         with self._backend.inference():
