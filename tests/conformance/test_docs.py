@@ -50,7 +50,7 @@ EXAMPLES = (
     ("docs/learn/first_uplink.md", "11_your_own_uplink.py"),
     ("docs/learn/first_codec.md", "12_your_own_codec.py"),
     ("docs/learn/first_planner.md", "19_your_own_planner.py"),
-    ("docs/learn/first_attack.md", "21_your_own_attack.py"),
+    ("docs/learn/first_attack.md", "23_your_own_attack.py"),
     ("docs/learn/first_defense.md", "22_your_own_defense.py"),
     TRAINS,
 )
