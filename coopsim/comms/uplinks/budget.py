@@ -139,6 +139,7 @@ def _report(message: Message, decoded: DecodeOnce) -> _Report:
 
 
 SELECTIONS: Registry[Callable[[np.random.Generator], Selection]] = Registry("selection")
+"""Rankings by name, for the option `selection`; each is made with an agent's random stream."""
 SELECTIONS.register("need")(ByNeed)
 SELECTIONS.register("score")(ByScore)
 SELECTIONS.register("random")(AtRandom)
