@@ -50,7 +50,7 @@ class Measured:
     Attributes:
         perceived: the episode.
         rankings: by metric.
-        beside: those of the protocol that stands beside it, see `_BESIDE`; empty without one.
+        beside: rankings of the protocol that stands beside it, see `_BESIDE`; empty without one.
     """
 
     perceived: Perceived
