@@ -18,7 +18,6 @@ from coopsim.attacks.attack import (
     make_attack,
 )
 from coopsim.attacks.attack_option import AttacksOption, attacks_by_agent
-from coopsim.comms.uplinks.by_action import SaidByAction
 from coopsim.comms.uplinks.uplink import ContentUplink, Uplink
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
@@ -252,8 +251,6 @@ def _name_of(attack: Attack) -> str:
 
 def _require_content(attack: Attack, uplink: Uplink, agent: str) -> None:
     accepted, hooks = contents_of(type(attack)), hooks_of(type(attack))
-    if isinstance(uplink, SaidByAction):
-        raise InvalidValueError(f"attacks must be None where actions say what is sent: {agent}'s action can lie")
     if not hooks:
         raise InvalidValueError(f"attack {_name_of(attack)!r} overrides no hook, so it has no effect")
     if uplink.content == "none":  # an agent that says nothing cannot lie: the line of one's own view alone

@@ -23,6 +23,7 @@ from coopsim.metrics.score import GroupRecall, Score
 METRICS_SHOWN = (
     *(PRIMARY_METRIC, "AMOTA", "MOTA", "MOTP", "HOTA", "IDF1", "APBEV@0.5", "IDS", "FP", "FN"),
     *DRIVING_SHOWN,
+    *("ghosts_believed", "denied_lost", "attacker_TPR", "attacker_FPR"),
 )
 """The built-in metrics that fit on a page."""
 

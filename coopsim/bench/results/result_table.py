@@ -16,13 +16,15 @@ from coopsim.bench.results.statistics import Interval, mean_interval, rate_inter
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.built_in import BYTES, custom_metrics, is_yes_no
+from coopsim.metrics.deception import DECEPTION
 from coopsim.metrics.driving import DRIVING
+from coopsim.metrics.finding import FINDING
 from coopsim.metrics.metric import PRIMARY_METRIC
 from coopsim.types import Ints
 
 REPORTED = (
     *(PRIMARY_METRIC, "AMOTA", "AMOTP", "MOTA", "MOTP", "HOTA", "DetA", "AssA", "IDF1", "recall", "precision"),
-    *("IDS", "FP", "FN", "APBEV@0.5", "mAP3D@0.5", *DRIVING, BYTES),
+    *("IDS", "FP", "FN", "APBEV@0.5", "mAP3D@0.5", *DRIVING, *DECEPTION, *FINDING, BYTES),
 )
 """The built-in metrics that reports show, in order; those that users have registered follow."""
 
