@@ -93,8 +93,9 @@ def real_frames(folder: Path, sensor: Sensor) -> Iterator[Frame]:
         with np.load(path) as read:
             names = read["names"] if "names" in read else np.zeros(0, "U1")
             boxes = (read["boxes"] if "boxes" in read else np.zeros((0, 7))).astype(np.float64)
-            chosen = [boxes[np.isin(names, kinds)] for kinds in (VEHICLE_NAMES, PERSON_NAMES)]
-            yield Frame(read["points"][:, :4].astype(np.float64), np.array(sensor.at_m), *chosen, sensor.columns)
+            vehicles, people = (boxes[np.isin(names, kinds)] for kinds in (VEHICLE_NAMES, PERSON_NAMES))
+            points = read["points"][:, :4].astype(np.float64)
+            yield Frame(points, np.array(sensor.at_m), vehicles, people, sensor.columns)
 
 
 def simulated_frames(sensor: Sensor, clips: int, share: float) -> Iterator[Frame]:
@@ -119,8 +120,8 @@ def _frame(scene: Scene, agent: AgentScene, x_m: float, above_m: float, columns:
     boxes[:, :2] = boxes[:, :2] @ np.array([[cos, -sin], [sin, cos]])
     boxes[:, 6] -= agent.xyz_yaw[3]
     label = scene.label[~own]
-    chosen = [boxes[np.isin(label, kinds)] for kinds in (VEHICLES, PEOPLE)]
-    return Frame(agent.points.astype(np.float64), origin, *chosen, columns)
+    vehicles, people = (boxes[np.isin(label, kinds)] for kinds in (VEHICLES, PEOPLE))
+    return Frame(agent.points.astype(np.float64), origin, vehicles, people, columns)
 
 
 def measure(frame: Frame, sensor: Sensor) -> dict[str, list[float]]:
@@ -209,7 +210,9 @@ def points_in(points: Floats, box: Floats, margin_m: float = 0.1) -> Floats:
     near = points[np.abs(points[:, :2] - box[:2]).max(axis=1) < np.hypot(box[3], box[4])]
     local = _turned(near, box)
     low, high = box[2] - box[5] / 2 + 0.15, box[2] + box[5] / 2 + margin_m
-    return near[(np.abs(local) < box[3:5] / 2 + margin_m).all(axis=1) & (near[:, 2] > low) & (near[:, 2] < high)]
+    beside = (np.abs(local) < box[3:5] / 2 + margin_m).all(axis=1)
+    inside: Floats = near[beside & (near[:, 2] > low) & (near[:, 2] < high)]
+    return inside
 
 
 def depth_in(points: Floats, box: Floats) -> Floats:
@@ -233,7 +236,7 @@ def rays_over(box: Floats, frame: Frame, sensor: Sensor) -> float:
     width = box[3] * abs(np.sin(aside)) + box[4] * abs(np.cos(aside))
     low, high = (np.arctan2(away[2] + up, distance) for up in (0.15 - box[5] / 2, box[5] / 2))
     beams = find_pattern(sensor.pattern).elevation_rad
-    turn = 2 * np.arctan2(width / 2, distance) / (2 * np.pi)
+    turn = 2 * float(np.arctan2(width / 2, distance)) / (2 * np.pi)
     return max(float(((beams >= low) & (beams <= high)).sum()), 1.0) * max(turn * frame.columns, 1.0)
 
 

@@ -27,7 +27,7 @@ SENSOR_M = HEIGHT_M + LidarConfig().above_m
 
 
 def sense(flaws: Imperfections | None, static: list[StaticPart], who: Actors | None = None, **config: Any) -> Sweep:
-    exact = {"pattern": FLAT, "columns": 2048, "range_noise_m": 0.0, "dropout_energy": 0.0}
+    exact: dict[str, Any] = {"pattern": FLAT, "columns": 2048, "range_noise_m": 0.0, "dropout_energy": 0.0}
     lidar = Lidar(LidarConfig(imperfections=flaws, **(exact | config)))
     scene = RayScene(SceneGeometry(MODELS, static).triangles(actors([]) if who is None else who))
     return lidar.sense(scene, SE3.identity(), HEIGHT_M, None, stream(0, "lidar"))
@@ -86,7 +86,8 @@ def test_edge_points_lie_between_the_two_surfaces_and_on_the_edge() -> None:
     def between(sweep: Sweep) -> np.ndarray:
         ahead = np.abs(sweep.points[:, 1]) < 5
         x = sweep.points[ahead, 0]
-        return sweep.points[ahead][(x > 9.95) & (x < 10.35)]
+        found: np.ndarray = sweep.points[ahead][(x > 9.95) & (x < 10.35)]
+        return found
 
     assert len(between(crisp)) == 0 and len(between(soft)) >= 10
     assert (np.abs(np.abs(between(soft)[:, 1]) - 2.0) < 0.12).all()
@@ -173,7 +174,14 @@ def test_reported_intensity_follows_gain_and_gamma() -> None:
 
 
 def test_wrong_values_are_refused() -> None:
-    for wrong in ({"roll_rad": 1.0}, {"lost_share": 1.5}, {"gain": 0.0}, {"stamp": -0.1}, {"edge_rad": 1.0}):
+    wrongs: list[dict[str, Any]] = [
+        {"roll_rad": 1.0},
+        {"lost_share": 1.5},
+        {"gain": 0.0},
+        {"stamp": -0.1},
+        {"edge_rad": 1.0},
+    ]
+    for wrong in wrongs:
         with pytest.raises(InvalidValueError, match=next(iter(wrong))):
             Imperfections(**wrong)
     with pytest.raises(InvalidValueError, match="imperfections must be"):
