@@ -81,7 +81,7 @@ class DeceptionLog:
 def _inside(boxes: Boxes3D, region_m: Floats | None) -> Mask:
     if region_m is None:
         return np.ones(len(boxes), np.bool_)
-    inside: Mask = (np.abs(boxes.center[:, :2]) <= region_m).all(axis=1)
+    inside: Mask = np.all(np.abs(boxes.center[:, :2]) <= region_m, axis=1)
     return inside
 
 
@@ -90,5 +90,5 @@ def _near(boxes: Boxes3D, others: Boxes3D) -> Mask:
     if not len(others):
         return np.zeros(len(boxes), np.bool_)
     apart = boxes.center[:, None, :2] - others.center[None, :, :2]
-    near: Mask = (np.hypot(apart[..., 0], apart[..., 1]) <= NEAR_M).any(axis=1)
+    near: Mask = np.any(np.hypot(apart[..., 0], apart[..., 1]) <= NEAR_M, axis=1)
     return near

@@ -71,7 +71,7 @@ def decode(
     kept = np.flatnonzero(score.numpy(force=True) >= least_score)
     arrays = [each.numpy(force=True)[kept] for each in (group, batch, boxes, score, label, covariance, velocity)]
     known = [False] * len(features) if moving is None else moving
-    return [_one(number, *arrays, known[number]) for number in range(len(features))]
+    return [_one(number, known[number], *arrays) for number in range(len(features))]
 
 
 def cell_centers(cell: Tensor, grid: BevGrid) -> Tensor:
@@ -101,7 +101,7 @@ def find_peaks(logits: Tensor, least_score: float, most: int) -> tuple[Tensor, T
     return number[kept], cell[kept], label[kept], score[kept]
 
 
-def _one(number: int, group, batch, boxes, score, label, covariance, velocity, known) -> Detections:  # type: ignore
+def _one(number: int, known, group, batch, boxes, score, label, covariance, velocity) -> Detections:  # type: ignore
     mine = np.flatnonzero(batch == number)
     kept = [np.zeros(0, np.int64)]
     for each in range(len(GROUPS)):

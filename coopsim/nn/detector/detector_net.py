@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -207,7 +208,8 @@ class JudgedHead(nn.Module):
         """
         forward, fits = self.judge(patches)
         logit = torch.logit(torch.sqrt(score * fits.sigmoid()), 1e-6)
-        slope, shift = self.calibration[group].unbind(1)
+        calibration: Any = self.calibration
+        slope, shift = calibration[group].unbind(1)
         yaw = boxes[:, 6] + torch.pi * (forward < 0)
         turned = torch.atan2(torch.sin(yaw), torch.cos(yaw))
         return torch.cat([boxes[:, :6], turned[:, None]], dim=1), torch.sigmoid(slope * logit + shift)

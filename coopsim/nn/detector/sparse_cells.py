@@ -130,12 +130,12 @@ class SparseConv(nn.Module):
                 3 x 3 neighbours of the same cells.
             added: (M, after) what is added before the ReLU.
         """
-        weight = self.weight
+        weight: Tensor = self.weight
         if torch.is_autocast_enabled(x.device.type):
             numbers = torch.get_autocast_dtype(x.device.type)
             x, weight = x.to(numbers), weight.to(numbers)
         if self.bias is None:
-            made = self._normed(_GatheredProduct.apply(x, weight, table, back))
+            made = self._normed(_GatheredProduct.apply(x, weight, table, back))  # type: ignore[no-untyped-call]
         else:
             made = torch.addmm(self.bias, gathered(x, table), weight)
         return functional.relu(made if added is None else made + added)
@@ -168,7 +168,7 @@ class _GatheredProduct(torch.autograd.Function):
         return gathered(x, table) @ weight
 
     @staticmethod
-    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:  # type: ignore[override]
+    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
         x, weight, table, back = ctx.saved_tensors
         grad = grad.contiguous()
         back = table.flip(1) if back is None else back  # the neighbour on the left has one on the right

@@ -42,7 +42,8 @@ class SparseEncoder(PointLayer):
         """
         require_grid(batch)
         fine, scales, whole = _cells(batch)
-        below = self.of_pillars(batch).to(self.sides[0].weight.dtype)
+        numbers: torch.dtype = self.join.weight.dtype
+        below = self.of_pillars(batch).to(numbers)
         below = _through(self.pillars, below, fine)
         found, before = [], fine
         for down, layers, cells in zip(self.down, self.scales, scales, strict=True):
@@ -73,10 +74,10 @@ def whole_rows(whole: SparseCells, cells: SparseCells, level: int) -> Tensor:
     return cells.row_of[whole.cell] if level == 0 else wholes(whole, cells, level)
 
 
-def _through(layers: nn.ModuleList, below: Tensor, cells: SparseCells) -> Tensor:
+def _through(layers: nn.Module, below: Tensor, cells: SparseCells) -> Tensor:
     """Return features after layers of 3 x 3 cells, each added to what it was given (He et al., CVPR 2016)."""
     table = cells.neighbors()
-    for layer in layers:
+    for layer in layers.children():
         below = layer(below, table, added=below)
     return below
 

@@ -10,7 +10,7 @@ import copy
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -126,7 +126,8 @@ class BothEncoder(FrameEncoder):
     def __init__(self, net: PointsAndPicturesNet, backend: Backend = PROCESSOR) -> None:
         made = folded(net.encoder)
         made.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        made.points = for_inference(net.encoder.points, backend.numbers)
+        points: Any = for_inference(net.encoder.points, backend.numbers)
+        made.points = points
         self._encoder, self._backend, self._sweeps = backend.place(made), backend, RecentSweeps(1)
 
     def take(self, view: SensorView) -> SensedFrame:
