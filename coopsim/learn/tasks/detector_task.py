@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -12,11 +13,13 @@ from torch import Tensor, nn
 
 from coopsim.config.load import load
 from coopsim.learn.clips.clip import Clip
+from coopsim.learn.clips.world_recipe import WorldRecipe
 from coopsim.learn.losses.head_losses import head_loss
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import DetectorBatch, SampleSettings, collate_detector, detector_samples
 from coopsim.learn.samples.targets import Targets
 from coopsim.learn.tasks.training_task import FoundMap, TrainingTask, first_net, weights_metadata
+from coopsim.localization.odometry import LONGEST_S
 from coopsim.nn.detector.decode import decode
 from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.types import BevGrid
@@ -32,6 +35,13 @@ class DetectorTask(TrainingTask):
         self._settings = load(SampleSettings, recipe.samples, "samples")
         self.net = first_net(recipe, seed)
         self.metadata = weights_metadata("detector", self.net.config)
+        times_s = tuple(recipe.world.get("sweep_s", ())) + tuple(recipe.world.get("dt_s", WorldRecipe().dt_s))
+        if self.net.config.sweeps > 1 and min(times_s) > LONGEST_S:
+            warnings.warn(
+                f"a network on two sweeps sees one: no two frames are within {LONGEST_S:g} s; give world.sweep_s, as "
+                "[0.1, 0.2]",
+                stacklevel=2,
+            )
 
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
         return detector_samples(clip, rng, self._settings, self.net.config.cell_m, self.net.config.sweeps)
