@@ -42,8 +42,7 @@ class SparseEncoder(PointLayer):
         """
         require_grid(batch)
         fine, scales, whole = _cells(batch)
-        numbers: torch.dtype = self.join.weight.dtype
-        below = self.of_pillars(batch).to(numbers)
+        below = self.of_pillars(batch).to(next(self.sides.parameters()).dtype)  # shorter in a quick encoder
         below = _through(self.pillars, below, fine)
         found, before = [], fine
         for down, layers, cells in zip(self.down, self.scales, scales, strict=True):

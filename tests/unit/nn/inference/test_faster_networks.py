@@ -9,6 +9,7 @@ torch = pytest.importorskip("torch")
 
 from coopsim.errors import InvalidValueError  # noqa: E402
 from coopsim.learn.weights import make_network  # noqa: E402
+from coopsim.nn.detector.encoder import HEADS, LAYOUTS  # noqa: E402
 from coopsim.nn.detector.pillars import collate, pillarize  # noqa: E402
 from coopsim.nn.inference.backend import Backend  # noqa: E402
 from coopsim.nn.inference.encoders import PointEncoder, SensedFrame, folded  # noqa: E402
@@ -18,9 +19,12 @@ TINY = {"cell_m": 1.2, "pillar_features": 8, "channels": [8, 8, 8], "layers": [1
 GRID = BevGrid((-19.2, 19.2), (-19.2, 19.2), 1.2)
 
 
-def network() -> torch.nn.Module:
+def network(layout: str = "dense", head: str = "centre") -> torch.nn.Module:
     """A network whose normalisations are not trivial."""
-    net, draw = make_network("detector", TINY).eval(), torch.Generator().manual_seed(1)
+    net, draw = (
+        make_network("detector", TINY | {"layout": layout, "head": head}).eval(),
+        torch.Generator().manual_seed(1),
+    )
     for name, value in net.state_dict().items():
         if "running_mean" in name:
             value.normal_(0, 0.1, generator=draw)
@@ -37,8 +41,9 @@ def cloud(count: int) -> np.ndarray:
 
 @pytest.mark.parametrize("numbers", [torch.float32, torch.bfloat16])
 @pytest.mark.parametrize("count", [0, 1, 700])
-def test_a_faster_encoder_gives_the_same_features(count: int, numbers: torch.dtype) -> None:
-    net, batch = network(), collate([pillarize(cloud(count), GRID), pillarize(cloud(50), GRID)])
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_faster_encoder_gives_the_same_features(layout: str, count: int, numbers: torch.dtype) -> None:
+    net, batch = network(layout), collate([pillarize(cloud(count), GRID), pillarize(cloud(50), GRID)])
     backend = Backend(numbers=numbers)
     encoder = PointEncoder(net, backend)
     with backend.inference():
@@ -49,15 +54,16 @@ def test_a_faster_encoder_gives_the_same_features(count: int, numbers: torch.dty
     torch.testing.assert_close(got, expected, rtol=0.05, atol=0.05 * float(expected.abs().max()))
 
 
-def test_a_folded_head_gives_the_same_heat_and_the_old_one_stays() -> None:
-    net, maps = network(), torch.rand(1, 16, 8, 8)
+@pytest.mark.parametrize("head", HEADS)
+def test_a_folded_head_gives_the_same_heat_and_the_old_one_stays(head: str) -> None:
+    net, maps = network(head=head), torch.rand(1, 16, 8, 8)
     before = {name: value.clone() for name, value in net.head.state_dict().items()}
     faster = folded(net.head)
     for got, expected in zip(faster.heat(maps), net.head.heat(maps), strict=True):
         torch.testing.assert_close(got, expected, rtol=1e-4, atol=1e-5)
     for name, value in net.head.state_dict().items():
         assert torch.equal(value, before[name])
-    assert not any(isinstance(each, torch.nn.BatchNorm2d) for each in faster.modules())
+    assert not any(isinstance(each, (torch.nn.BatchNorm1d, torch.nn.BatchNorm2d)) for each in faster.modules())
 
 
 def test_a_grid_that_does_not_divide_is_refused() -> None:
