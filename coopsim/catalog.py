@@ -173,7 +173,12 @@ def usual_seed(environment: str | Path) -> int:
 
 def scenario_files() -> list[str]:
     """Return the names of the scenario files that are shipped."""
-    return sorted(path.name for path in _scenario_files().SHIPPED.glob("*.yaml"))
+    return sorted(path.name for path in scenario_folder().glob("*.yaml"))
+
+
+def scenario_folder() -> Path:
+    """Return the folder of the scenario files that are shipped."""
+    return Path(_scenario_files().SHIPPED)
 
 
 def _scenario_files() -> ModuleType:

@@ -13,6 +13,9 @@ from typing import Any, Self
 _LONGEST, _SHOWN_END = 4000, 500
 """Most letters of a line of a message, and of its end where it is longer."""
 
+_FEW = 12
+"""Most names that are listed next to a suggestion: of options there are forty."""
+
 
 class CoopsimError(Exception):
     """Root of all coopsim errors."""
@@ -36,7 +39,7 @@ class InvalidValueError(CoopsimError, ValueError):
 
 
 class UnknownNameError(CoopsimError, LookupError):
-    """A name is not among the known ones; the message lists the close ones.
+    """A name is not among the known ones; the message has the close ones, and all where none is close or few are known.
 
     Args:
         kind: the kind of thing that the name stands for, as "policy".
@@ -49,9 +52,11 @@ class UnknownNameError(CoopsimError, LookupError):
         self.kind, self.name, self.known, self.where = kind, name, tuple(sorted(known)), where
         # The cut-off is loose on purpose: a wrong suggestion costs a glance, a missing one a search.
         close = difflib.get_close_matches(str(name), self.known, n=3, cutoff=0.5)
-        hint = f"Did you mean {' or '.join(map(repr, close))}? " if close else ""
-        accepted = f"Accepted: {', '.join(self.known)}" if self.known else "There are none"
-        super().__init__(f"unknown {kind} {name!r}{where and ' ' + where}. {hint}{accepted}")
+        hints = [f"Did you mean {' or '.join(map(repr, close))}?"] if close else []
+        surely_close = difflib.get_close_matches(str(name), self.known, n=1, cutoff=0.7)
+        if not surely_close or len(self.known) <= _FEW:
+            hints.append(f"Accepted: {', '.join(self.known)}" if self.known else "There are none")
+        super().__init__(f"unknown {kind} {name!r}{where and ' ' + where}. {' '.join(hints)}")
 
     def __reduce__(self) -> tuple[Any, ...]:  # errors of worker processes are pickled
         return type(self).__new__, (type(self), *self.args), self.__dict__

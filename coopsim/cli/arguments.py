@@ -7,6 +7,7 @@ import difflib
 import itertools
 import json
 import shlex
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
@@ -33,11 +34,14 @@ POPULATION = ("vehicles", "connected_cars", "rsus", "drones", "pedestrians")
 
 
 class Command(NamedTuple):
-    """A command: its line of help, its arguments, and the function that runs it and returns the exit status."""
+    """A command: its line of help, its arguments, the function that runs it and returns the exit status, and examples
+    for the end of its help.
+    """
 
     help: str
     add_arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int]
+    examples: tuple[str, ...] = ()
 
 
 class Parser(argparse.ArgumentParser):
@@ -55,11 +59,30 @@ class Parser(argparse.ArgumentParser):
         for word in args or () if self._subparsers is None else ():
             option = str(word).split("=")[0]
             if option.startswith("--") and option not in self._option_string_actions:
-                close = difflib.get_close_matches(option, self._option_string_actions, n=2, cutoff=0.5)
-                hint = f" Did you mean {' or '.join(close)}?" if close else ""
-                accepted = ", ".join(name for name in self._option_string_actions if name.startswith("--"))
-                self.error(f"unknown option {option}.{hint} Accepted: {accepted}")
+                self.error(f"unknown option {option}. {self._meant(option)}")
         return super().parse_known_args(args, namespace)
+
+    def _meant(self, option: str) -> str:
+        """Suggest the close options, or list all where nothing is close. Old names are not suggested."""
+        actions = self._option_string_actions.items()
+        known = [name for name, each in actions if name.startswith("--") and each.help != argparse.SUPPRESS]
+        close = difflib.get_close_matches(option, known, n=2, cutoff=0.5)
+        return f"Did you mean {' or '.join(close)}?" if close else f"Accepted: {', '.join(known)}"
+
+
+class _OldName(argparse.Action):
+    """An option's old name: stores the value under the new one, and says so."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+        note = f"{option_string} is now {self.metavar}; the old name works in this release only"
+        print(f"coopsim: note: {note}", file=sys.stderr)
+        setattr(namespace, self.dest, values)
+
+
+def add_old_name(parser: argparse._ActionsContainer, old: str, new: argparse.Action, **changed: Any) -> None:
+    """Accept an option's old name for a release, with a notice; `changed` are arguments in which it differs."""
+    like = {"dest": new.dest, "type": new.type, "metavar": new.option_strings[0]}
+    parser.add_argument(old, action=_OldName, help=argparse.SUPPRESS, default=argparse.SUPPRESS, **like | changed)
 
 
 def add_population(parser: argparse.ArgumentParser) -> None:
@@ -111,6 +134,37 @@ def add_options(parser: argparse._ActionsContainer, of: str) -> None:
     )
 
 
+def add_noises(parser: argparse._ActionsContainer, of: str = "") -> None:
+    """Declare the axes of pose noise; `of` ends their help."""
+    add, metavar = parser.add_argument, "0,0.4"
+    add("--position-noises-m", type=numbers, metavar=metavar, help=f"standard deviations of estimated x and y{of}")
+    add("--heading-noises-deg", type=numbers, metavar=metavar, help=f"of the estimated heading{of}")
+    add("--pose", choices=("product", "together"), help="each position noise with each of heading (default), or pairs")
+
+
+def add_detector(parser: argparse._ActionsContainer) -> None:
+    """Declare `--detector`, which `--option detector=...` gives as well."""
+    text = "name(parameter=value), see `list` (default: the environment's)"
+    parser.add_argument("--detector", metavar="NAME", help=text)
+
+
+def detector_option(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the detector that was given by its flag, as an option of the environment."""
+    return {} if options.detector is None else {"detector": options.detector}
+
+
+def add_device(parser: argparse._ActionsContainer, default: str | None = "cpu") -> None:
+    """Declare `--device`; None stands for the processor, or for the value of a file."""
+    text = f"of networks: cpu, cuda, cuda:1 or auto, a GPU if there is one (default: {default or 'cpu'})"
+    parser.add_argument("--device", default=default, metavar="NAME", help=text)
+
+
+def add_dry_run(parser: argparse._ActionsContainer) -> None:
+    """Declare `--dry-run`."""
+    text = "run nothing but a few frames for timing; print what there is to run, and the hours that it takes"
+    parser.add_argument("--dry-run", action="store_true", help=text)
+
+
 def add_isolation(parser: argparse._ActionsContainer) -> None:
     """Declare `--isolate` and `--salt`."""
     parser.add_argument(
@@ -148,7 +202,7 @@ def named_options(options: argparse.Namespace, flags: Mapping[str, str] | None =
     """
     given: dict[str, Any] = {}
     for name, value in options.option:
-        if name in given or (name in POPULATION and getattr(options, name, None) is not None):
+        if name in given or (name in (*POPULATION, "detector") and getattr(options, name, None) is not None):
             raise InvalidValueError(f"{name} must be given once, got --option {name}={value} and another")
         if name in (flags or {}):
             raise InvalidValueError(f"{name} is not an option here: use {(flags or {})[name]}")

@@ -15,11 +15,17 @@ from coopsim.cli.arguments import (
     Command,
     add_all_grids,
     add_attack,
+    add_detector,
+    add_device,
+    add_dry_run,
     add_isolation,
+    add_noises,
+    add_old_name,
     add_options,
     as_json,
     count,
     count_or_zero,
+    detector_option,
     named_options,
     names,
     numbers,
@@ -55,6 +61,7 @@ def _add_outputs(parser: argparse._ActionsContainer) -> None:
     add("--metrics", type=names, default=(), metavar="A,B", help="of leaderboard, LaTeX tables and figure")
     add("--clips", type=count_or_zero, default=5, help="of the worst moments (default: %(default)s)")
     add("--plots", action="store_true", help="write the curves of all metrics as SVG files, too")
+    add("--json", type=Path, metavar="PATH", help="write means and intervals of each policy and condition here as well")
 
 
 def _run_report(options: argparse.Namespace) -> int:
@@ -71,7 +78,7 @@ def _run_report(options: argparse.Namespace) -> int:
 def write_files(folder: Path, results: Sequence[CellResult], options: argparse.Namespace, *, trust: bool) -> None:
     """Write the files of a folder's results, and print the leaderboard and their paths; `trust` as of `publish`."""
     from coopsim.bench.paper.provenance import Provenance
-    from coopsim.bench.report.bench_text import leaderboard_text
+    from coopsim.bench.report.bench_text import leaderboard_text, to_rows
     from coopsim.bench.report.publish import publish
     from coopsim.bench.results.result_table import ResultTable
     from coopsim.bench.store.store import Store
@@ -85,17 +92,23 @@ def write_files(folder: Path, results: Sequence[CellResult], options: argparse.N
         with_plots=options.plots,
         trust=trust,
     )
-    print(leaderboard_text(ResultTable.of(results), options.metrics))
+    table = ResultTable.of(results)
+    print(leaderboard_text(table, options.metrics))
+    if options.json is not None:
+        written = (*written, write_whole(options.json, as_json(to_rows(table))))
     for path in written:
         print(f"written: {path}")
 
 
 REPORT = Command(
-    "write the report, tables and figures of a benchmark's folder again, finished or not", _add_report, _run_report
+    "write the report, tables and figures of a benchmark's folder again, finished or not",
+    _add_report,
+    _run_report,
+    ("coopsim report coopsim-bench --metrics HOTA,AMOTA --plots",),
 )
 
 
-_NO_NUMBER = {"--out": 1, "--workers": 1, "--engine": 1, "--address": 1, "--retry-failed": 0}
+_NO_NUMBER = {"--out": 1, "--workers": 1, "--engine": 1, "--address": 1, "--retry-failed": 0, "--json": 1}
 """Flags that change no number, with how many words follow them: the command is noted without them."""
 
 
@@ -107,20 +120,22 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     add("--trust", action="store_true", help="run policies that FILE names as module:Class or file.py:Class")
     add("--policies", type=policies, metavar="A,B(x=1)", help="see `list`; all; or module:Class, or file.py:Class")
     add("--policy", type=policy, action="append", default=[], metavar="A", help="one more; may be given several times")
-    add("--scenarios", type=names, metavar="A,B", help="names, or paths of scenario files")
-    add("--latencies-ms", type=numbers, metavar="0,300")
-    add("--losses", type=numbers, metavar="0,0.1", help="probabilities in [0, 1]")
-    add("--position-noises-m", type=numbers, metavar="0,0.2")
-    add("--heading-noises-deg", type=numbers, metavar="0,0.2")
-    add("--pose", choices=("product", "together"), help="each position noise with each of heading, or pairs of them")
-    add("--bandwidths-mbit-s", type=numbers, metavar="0.1,inf", help="of the medium that all agents share")
+    worlds = add(
+        "--environments", type=names, dest="scenarios", metavar="A,B.yaml", help="names, or paths of scenario files"
+    )
+    add_old_name(grid, "--scenarios", worlds)
+    add("--latencies-ms", type=numbers, metavar="0,300", help="delays of every message (default: 0)")
+    add("--losses", type=numbers, metavar="0,0.1", help="probabilities that a message is lost (default: 0)")
+    add_noises(grid)
+    add("--bandwidths-mbit-s", type=numbers, metavar="0.1,inf", help="rates of the shared medium (default: inf)")
     add("--penetrations", type=numbers, metavar="0.1,1", help="shares of the other cars that are connected")
     add_attack(grid, "agents that lie, as one condition; several times: several, of which `none` is honest")
     add("--vary", choices=("product", "one_by_one"), help="all together, or each of the above by itself")
-    add("--seeds", type=seeds, metavar="0-4")
-    add("--frames", type=_frames, metavar="N", help="length of each run; episode: until its episode ends")
-    add("--device", metavar="NAME", help="of networks: cpu, cuda, cuda:1 or auto (default: cpu)")
-    add_options(grid, "of the environments, as detector=pointpillars_v2v4real")
+    add("--seeds", type=seeds, metavar="0-4", help="an episode each (default: 0)")
+    add("--frames", type=_frames, metavar="N", help="of each run (default: 100); episode: until its episode ends")
+    add_detector(grid)
+    add_device(grid, default=None)
+    add_options(grid, "of the environments, such as lidar=VLP-16")
     how = parser.add_argument_group("run")
     how.add_argument("--out", type=Path, default=Path("coopsim-bench"), metavar="FOLDER", help="default: %(default)s")
     how.add_argument("--workers", type=count, help="cells at once (default: as many as cores)")
@@ -129,6 +144,7 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     )
     how.add_argument("--address", help="of a Ray cluster (default: RAY_ADDRESS, or this machine alone)")
     add_isolation(how)
+    add_dry_run(how)
     how.add_argument("--retry-failed", action="store_true", help="run failed cells again")
     _add_outputs(parser.add_argument_group("report"))
 
@@ -144,6 +160,7 @@ def _run_bench(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from coopsim.bench.benchmark import benchmark
+    from coopsim.bench.dry_run import estimate_benchmark
     from coopsim.bench.engine.engine import Engine
     from coopsim.bench.grid.grid_file import find_grid
     from coopsim.bench.isolated.isolation import Isolation
@@ -152,6 +169,15 @@ def _run_bench(options: argparse.Namespace) -> int:
     given = {"more_policies": options.policy, "trust": options.trust, **_flag_values(options)}
     source = find_grid(options.preset, options.grid, **given)
     grid = source.grid()
+    isolation = Isolation.of(options.isolate, options.salt)
+    if options.json is not None:
+        require_writable(options.json)
+    if options.dry_run:
+        try:
+            print(estimate_benchmark(grid, options.out, isolation).text("cells", engine.at_once))
+        except CoopsimError as error:
+            raise source.blame(error) from error
+        return 0
     conditions, finished, lost = list(grid.conditions()), 0, 0
     # The remaining time is ours: the bar's own assumes that all cells take equally long.
     shape = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} cells [{elapsed}{postfix}]"
@@ -171,7 +197,7 @@ def _run_bench(options: argparse.Namespace) -> int:
                 engine=engine,
                 retry_failed=options.retry_failed,
                 command=without_flags(options.typed, _NO_NUMBER),
-                isolation=Isolation.of(options.isolate, options.salt),
+                isolation=isolation,
                 on_progress=show,
                 on_broken=lambda error: bar.write(f"coopsim: {error}; its cell is run again", file=sys.stderr),
             )
@@ -208,8 +234,8 @@ def _flag_values(options: argparse.Namespace) -> dict[str, Any]:
 
     given = {name: getattr(options, name, None) for name in ATTRIBUTES}
     given["attacks"] = options.attack or None
-    if options.option:
-        given["options"] = named_options(options)
+    if options.option or options.detector is not None:
+        given["options"] = {**named_options(options), **detector_option(options)}
     return {name: None if value == _EPISODE else value for name, value in given.items() if value is not None}
 
 
@@ -232,6 +258,11 @@ BENCH = Command(
     "run policies in simulated traffic under latency, loss, noise and narrow channels, with statistics",
     _add_bench,
     _run_bench,
+    (
+        "coopsim bench --preset quick",
+        "coopsim bench --policies no_fusion,late_fusion --environments crossing,town --latencies-ms 0,300 --seeds 0-4",
+        "coopsim bench --preset paper --out paper --dry-run",
+    ),
 )
 
 
@@ -285,5 +316,8 @@ def _unspaced(policy: str) -> str:
 
 
 COMPARE = Command(
-    "test which differences between two benchmarks, or two policies of one, are significant", _add_compare, _run_compare
+    "test which differences between two benchmarks, or two policies of one, are significant",
+    _add_compare,
+    _run_compare,
+    ("coopsim compare before after", "coopsim compare no_fusion late_fusion --results coopsim-bench"),
 )

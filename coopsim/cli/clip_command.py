@@ -97,4 +97,9 @@ def _of_situation(options: argparse.Namespace) -> tuple[Pair, Any]:
     return search_pair(grid, rerun, tried), rerun
 
 
-CLIP = Command("film a pair of runs, without and with messages, side by side for a talk", _add_clip, _run_clip)
+CLIP = Command(
+    "film a pair of runs, without and with messages, side by side for a talk",
+    _add_clip,
+    _run_clip,
+    ("coopsim clip occluded_pedestrian --out clip.gif", "coopsim clip coopsim-bench --pair 2 --out clip.mp4"),
+)

@@ -13,11 +13,14 @@ from coopsim.cli.arguments import (
     INTERRUPTED,
     Command,
     add_attack,
+    add_detector,
+    add_device,
     add_options,
     add_population,
     as_json,
     count,
     count_or_zero,
+    detector_option,
     named_options,
     numbers,
     policies,
@@ -49,7 +52,7 @@ def _add_demo(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--environment", default="crossing", help="see `list`, or path of a scenario file (default: %(default)s)")
     add("--playback", type=Path, metavar="FILE", help="what `record` wrote, in place of simulated traffic")
-    add("--policies", type=policies, default=_POLICIES, metavar="A,B(x=1)", help="as in `bench`")
+    add("--policies", type=policies, default=_POLICIES, metavar="A,B(x=1)", help="see `list policies`")
     add("--latencies-ms", type=numbers, metavar="0,300", help=f"default: 0,300{_UNLESS}")
     add("--frames", type=count, help="length of each run (default: 100, or all that FILE has)")
     add("--seed", type=count_or_zero, help="default: 0, or that of FILE or of the scenario file")
@@ -58,7 +61,9 @@ def _add_demo(parser: argparse.ArgumentParser) -> None:
     add("--heading-noise-deg", type=float, help=f"default: 0.2{_UNLESS}")
     add("--loss", type=float, help=f"probability in [0, 1] (default: 0{_UNLESS})")
     add_attack(parser, "an agent that lies; may be given several times")
-    add_options(parser, "of the environment, as detector=pointpillars_v2v4real, channel=FILE or, of town, place_seed=7")
+    add_detector(parser)
+    add_device(parser)
+    add_options(parser, "of the environment, such as lidar=VLP-16, channel=FILE or, of town, place_seed=7")
     add("--report", type=Path, default=Path("coopsim-demo.html"), metavar="PATH", help="default: %(default)s")
     add("--json", type=Path, metavar="PATH", help="write the numbers here as well")
 
@@ -98,6 +103,7 @@ def _run_demo(options: argparse.Namespace) -> int:
 
 def _config(options: argparse.Namespace) -> DemoConfig:
     from coopsim.bench.demo import DemoConfig
+    from coopsim.bench.grid.policies import detector_on, policy_on, require_device
     from coopsim.catalog import usual_seed
     from coopsim.world.recording.episode_file import Episode
 
@@ -108,10 +114,13 @@ def _config(options: argparse.Namespace) -> DemoConfig:
     world = {} if played is None else {**played.header.population, "playback": options.playback}
     given = named_options(options, _FLAGS)
     explicit = {*given, *_options_of_file(options.environment)}
-    if options.attack:
-        given["attacks"] = " + ".join(filter(None, options.attack))
-    given = {**world, **population(options), **_degradation(options, explicit), **given}
-    return DemoConfig(options.environment, options.policies, _latencies_s(options, explicit), frames, seed, given)
+    given["attacks"] = options.attack or None
+    given = {**world, **population(options), **_degradation(options, explicit), **given, **detector_option(options)}
+    if "detector" in given:
+        given["detector"] = detector_on(options.device, given["detector"])
+    require_device(options.device)
+    on_device = tuple(policy_on(options.device, text) for text in options.policies)
+    return DemoConfig(options.environment, on_device, _latencies_s(options, explicit), frames, seed, given)
 
 
 def _options_of_file(environment: str) -> Collection[str]:
@@ -140,4 +149,12 @@ def _latencies_s(options: argparse.Namespace, explicit: Collection[str]) -> tupl
     return (None,) if {"channel", "latency_s"} & set(explicit) else (0.0, 0.3)
 
 
-DEMO = Command("compare policies in simulated traffic, with a report", _add_demo, _run_demo)
+DEMO = Command(
+    "compare policies in simulated traffic, with a report",
+    _add_demo,
+    _run_demo,
+    (
+        "coopsim demo",
+        "coopsim demo --environment occluded_crossing --policies no_fusion,late_fusion --latencies-ms 0,300 --seed 3",
+    ),
+)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
@@ -13,6 +14,10 @@ from coopsim.cli.arguments import (
     FAILED,
     INTERRUPTED,
     Command,
+    add_device,
+    add_dry_run,
+    add_noises,
+    add_old_name,
     add_options,
     as_json,
     count,
@@ -22,6 +27,7 @@ from coopsim.cli.arguments import (
     policies,
     seeds,
 )
+from coopsim.errors import InvalidValueError
 from coopsim.support.files import require_writable, write_whole
 
 if TYPE_CHECKING:
@@ -29,15 +35,15 @@ if TYPE_CHECKING:
     from coopsim.bench.detect.detect_plan import DetectPlan
 
 _FLAGS = {
-    "latency_s": "--delays-ms",
-    "position_noise_m": "--noise",
-    "heading_noise_rad": "--noise",
+    "latency_s": "--latencies-ms",
+    "position_noise_m": "--position-noises-m",
+    "heading_noise_rad": "--heading-noises-deg",
     "detector": "--detector",
     "max_cycles": "--frames",
     "seed": "--seeds",
     "uplink": "--policies, each of which has its own",
     "expose_ground_truth": "none: it is always on",
-    "threads": "--jobs",
+    "threads": "--workers",
 }
 """Options that must be given by a flag, and the flag."""
 
@@ -55,17 +61,28 @@ def _add_detect(parser: argparse.ArgumentParser) -> None:
     add("--seeds", type=seeds, default=(0, 1), metavar="0-1", help="one episode each (default: 0-1)")
     add("--frames", type=count, default=20, help="measured in each episode (default: %(default)s)")
     add("--every-s", type=float, default=0.5, help="least time between measured frames (default: %(default)s)")
-    help_of_noise = "m/degrees of all agents' poses, a row each"
-    add("--noise", type=noises, default=(), dest="noises", metavar="0/0,0.4/0.4", help=help_of_noise)
-    add("--delays-ms", type=numbers, default=(), metavar="0,200", help="of messages, a row each")
+    rows = ", a row each (default: the environment's)"
+    add_noises(parser, rows)
+    of_delay = f"delays of messages{rows}"
+    latencies = add("--latencies-ms", type=numbers, default=(), dest="delays_ms", metavar="0,200", help=of_delay)
+    add_old_name(parser, "--delays-ms", latencies)
+    instead = "--position-noises-m and --heading-noises-deg with --pose together"
+    add_old_name(parser, "--noise", latencies, dest="noises", type=noises, metavar=instead)
+    parser.set_defaults(noises=())
     add("--protocol", default="coopsim", help="coopsim, opencood, dair, nuscenes or v2x-real (default: %(default)s)")
     add("--within-m", type=float, help="objects and boxes up to this far from the receiver (default: the region)")
-    add("--detector", help="of policies without a network (default: pillars, or the environment's without torch)")
-    add("--device", default="cpu", help="of networks: cpu, cuda, cuda:1 or auto (default: %(default)s)")
+    add(
+        "--detector",
+        metavar="NAME",
+        help="of policies without a network (default: pillars; without torch the environment's)",
+    )
+    add_device(parser)
     add("--receivers", default="cars", help="cars or all (default: %(default)s)")
     add("--boxes", default="detections", help="detections or tracks (default: %(default)s)")
     add_options(parser, "of the environments, as lidar=VLP-16 or detail=full")
-    add("--jobs", type=count, help="episodes at once (default: as many as cores)")
+    workers = add("--workers", type=count, help="episodes at once (default: as many as cores)")
+    add_old_name(parser, "--jobs", workers)
+    add_dry_run(parser)
     add("--json", type=Path, metavar="OUT", help="write the rows here; episodes go to OUT.episodes, and are run once")
     add("--episodes", type=Path, metavar="FOLDER", help="of the episodes that several tables share, such as protocols'")
     add("--table", action="store_true", help="print the rows as a Markdown table, also with --json")
@@ -92,9 +109,13 @@ def _run_detect(options: argparse.Namespace) -> int:
     from coopsim.bench.detect.detect import markdown_table, measure_detection
     from coopsim.bench.detect.range_table import range_table, require_ranges
     from coopsim.bench.detect.sweep_pictures import draw_measured, require_recordings
+    from coopsim.bench.dry_run import estimate_detection
     from coopsim.bench.engine.engine import Engine
 
     plan, out = _plan(options), options.json
+    if options.dry_run:
+        print(estimate_detection(plan, _folder(options)).text("episodes", options.workers))
+        return 0
     if out is not None:
         require_writable(out)
     if options.by_range:
@@ -120,7 +141,7 @@ def _run_detect(options: argparse.Namespace) -> int:
                 write_whole(out, as_json(rows))
 
         try:
-            measure_detection(plan, folder=_folder(options), engine=Engine(workers=options.jobs), on_progress=show)
+            measure_detection(plan, folder=_folder(options), engine=Engine(workers=options.workers), on_progress=show)
         except KeyboardInterrupt:
             interrupted = True
     if options.table or out is None:
@@ -137,8 +158,25 @@ def _run_detect(options: argparse.Namespace) -> int:
 def _plan(options: argparse.Namespace) -> DetectPlan:
     from coopsim.bench.detect.detect_plan import DetectPlan
 
-    given = {each.name: getattr(options, each.name) for each in fields(DetectPlan) if each.name != "options"}
-    return DetectPlan(**given, options=named_options(options, _FLAGS))
+    named = [each.name for each in fields(DetectPlan) if each.name not in ("options", "noises")]
+    given = {name: getattr(options, name) for name in named}
+    return DetectPlan(**given, noises=_noises(options), options=named_options(options, _FLAGS))
+
+
+def _noises(options: argparse.Namespace) -> tuple[tuple[float, float], ...]:
+    """Return pairs of m and degrees; empty where the environment's own noise holds."""
+    positions, headings = options.position_noises_m, options.heading_noises_deg
+    if positions is None and headings is None:
+        return tuple(options.noises)
+    if options.noises:
+        raise InvalidValueError("noise must be given once, by --position-noises-m and --heading-noises-deg")
+    positions, headings = positions or (0.0,), headings or (0.0,)
+    if options.pose != "together":
+        return tuple(itertools.product(positions, headings))
+    if len(positions) != len(headings):
+        counted = f"got {len(positions)} and {len(headings)}"
+        raise InvalidValueError(f"--pose together needs as many position as heading noises, {counted}")
+    return tuple(zip(positions, headings, strict=True))
 
 
 def _folder(options: argparse.Namespace) -> Path | None:
@@ -162,4 +200,9 @@ DETECT = Command(
     "measure what policies detect: average precision by distance, class and who saw it, under noise and delay",
     _add_detect,
     _run_detect,
+    (
+        "coopsim detect --policies no_fusion,late_fusion,attfuse --seeds 0-4 --json detect.json",
+        "coopsim detect --policies late_fusion --position-noises-m 0,0.4 --heading-noises-deg 0,0.4 --pose together",
+        "coopsim detect --policies no_fusion,attfuse --latencies-ms 0,200 --dry-run",
+    ),
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import shlex
 import sys
@@ -12,9 +13,11 @@ import coopsim
 from coopsim.cli.arguments import INTERRUPTED, USER_ERROR, Parser
 from coopsim.cli.bench_commands import BENCH, COMPARE, REPORT
 from coopsim.cli.clip_command import CLIP
+from coopsim.cli.completion_command import COMPLETION
 from coopsim.cli.demo_command import DEMO
 from coopsim.cli.detect_command import DETECT
 from coopsim.cli.export_commands import CHECK_EXPORT, EXPORT, EXPORT_RESULTS
+from coopsim.cli.info_command import INFO
 from coopsim.cli.list_command import LIST
 from coopsim.cli.recordings_commands import LEADERBOARD, REPLAY
 from coopsim.cli.train_command import TRAIN
@@ -24,6 +27,8 @@ from coopsim.support.interrupts import repeated_interrupts
 
 _COMMANDS = {
     "demo": DEMO,
+    "list": LIST,
+    "info": INFO,
     "bench": BENCH,
     "detect": DETECT,
     "report": REPORT,
@@ -37,7 +42,7 @@ _COMMANDS = {
     "train": TRAIN,
     "replay": REPLAY,
     "leaderboard": LEADERBOARD,
-    "list": LIST,
+    "completion": COMPLETION,
 }
 
 
@@ -71,10 +76,17 @@ def _warning_in_one_line(message: Warning | str, *_: object, **__: object) -> st
 def make_parser() -> Parser:
     """Make the parser of all commands; a parsed line has its `command` to run."""
     parser = Parser(prog="coopsim", description="The gym for cooperative perception.")
+    parser.set_defaults(parser=parser)
     parser.add_argument("--version", action="version", version=f"coopsim {coopsim.__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=Parser)
     for name, command in _COMMANDS.items():
-        subparser = commands.add_parser(name, help=command.help)
+        subparser = commands.add_parser(
+            name,
+            help=command.help,
+            description=f"{command.help[0].upper()}{command.help[1:]}.",
+            epilog="\n".join(("examples:", *(f"  {line}" for line in command.examples))),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
         command.add_arguments(subparser)
         subparser.set_defaults(command=command.run)
     return parser

@@ -72,9 +72,10 @@ def _run_export(options: argparse.Namespace) -> int:
 
 
 EXPORT = Command(
-    "simulate episodes and write them in the format of a data set, as opv2v",
+    "simulate episodes and write them in the format of a data set, such as opv2v",
     _add_export,
     _run_export,
+    ("coopsim export opv2v crossing --out crossing --seeds 0-3 --option lidar=OS1-128",),
 )
 
 
@@ -102,7 +103,10 @@ def _run_check_export(options: argparse.Namespace) -> int:
 
 
 CHECK_EXPORT = Command(
-    "check a folder that `export` wrote, or another one in such a format", _add_check_export, _run_check_export
+    "check a folder that `export` wrote, or another one in such a format",
+    _add_check_export,
+    _run_check_export,
+    ("coopsim check-export crossing", "coopsim check-export other --format opv2v"),
 )
 
 
@@ -136,4 +140,5 @@ EXPORT_RESULTS = Command(
     "run a policy on what `export nuscenes` wrote, and write its tracks for nuScenes' official tools",
     _add_export_results,
     _run_export_results,
+    ("coopsim export-results exported --policy late_fusion --out results",),
 )

@@ -3,72 +3,51 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-import coopsim
-from coopsim.cli.arguments import Command
-
-if TYPE_CHECKING:
-    from coopsim.support.registry import Registry
+from coopsim.cli.arguments import Command, as_json
+from coopsim.cli.listing import Entry, listing
+from coopsim.support.checks import require_choice
 
 
 def _add_list(parser: argparse.ArgumentParser) -> None:
-    """Declare no arguments."""
+    help_of_kind = "policies, environments, detectors, ...: its entries with a line each (default: the names of all)"
+    parser.add_argument("kind", nargs="?", metavar="KIND", help=help_of_kind)
+    parser.add_argument("--json", action="store_true", help="print names, descriptions and more as JSON")
 
 
 def _run_list(options: argparse.Namespace) -> int:
-    from coopsim.attacks.attack import ATTACKS
-    from coopsim.bench.grid.grid_file import PRESETS
-    from coopsim.catalog import REWARDS, scenario_files
-    from coopsim.comms.codecs.codec import CODECS
-    from coopsim.comms.uplinks.uplink import UPLINKS
-    from coopsim.data.export.export_format import EXPORT_FORMATS
-    from coopsim.defenses.defense import DEFENSES
-    from coopsim.detection.detector import DETECTORS
-    from coopsim.detection.embedder import EMBEDDERS
-    from coopsim.learn.recipe import RECIPES
-    from coopsim.metrics.metric import METRICS
-    from coopsim.planning.planner import PLANNERS
-    from coopsim.sensors.camera.camera import RIG_NAMES
-
-    listed = {
-        "policies": [_with_aliases(coopsim.POLICIES, name) for name in coopsim.POLICIES],
-        "environments": coopsim.ENVIRONMENTS.names(),
-        "scenario files": scenario_files(),
-        "detectors": DETECTORS.names(),
-        "embedders": EMBEDDERS.names(),
-        "uplinks": UPLINKS.names(),
-        "codecs": [f"{name} ({CODECS.get(name).content})" for name in CODECS],
-        "camera rigs": RIG_NAMES,
-        "planners": PLANNERS.names(),
-        "attacks": ATTACKS.names(),
-        "defenses": [_with_aliases(DEFENSES, name) for name in DEFENSES],
-        "metrics": METRICS.names(),
-        "rewards": REWARDS.names(),
-        "export formats": [_with_aliases(EXPORT_FORMATS, name) for name in EXPORT_FORMATS],
-        "presets": PRESETS,
-        "recipes": RECIPES,
-        "weights": _weights(),
-    }
-    for kind, names in listed.items():
-        print(f"{kind + ':':<16}{', '.join(names) or '(none)'}")
+    kinds = listing()
+    if options.kind is not None:
+        require_choice("kind", options.kind, (*kinds, *(kind.replace(" ", "-") for kind in kinds if " " in kind)))
+        kinds = {options.kind: kinds[options.kind.replace("-", " ")]}
+    found = {kind: entries() for kind, entries in kinds.items()}
+    if options.json:
+        print(as_json(found if options.kind is None else found[options.kind]), end="")
+    elif options.kind is None:
+        for kind, entries in found.items():
+            print(f"{kind + ':':<16}{', '.join(map(_short, entries)) or '(none)'}")
+    else:
+        _print_lines(found[options.kind])
     return 0
 
 
-def _with_aliases(registry: Registry[Any], name: str) -> str:
-    return f"{name} (or {', '.join(aliases)})" if (aliases := registry.aliases_of(name)) else name
+def _short(entry: Entry) -> str:
+    """Return a name with its second names, or a codec's with its content."""
+    if "content" in entry:
+        return f"{entry['name']} ({entry['content']})"
+    return f"{entry['name']} (or {', '.join(entry['aliases'])})" if "aliases" in entry else str(entry["name"])
 
 
-def _weights() -> list[str]:
-    """Return the names of the weights that come along, also where torch is not installed."""
-    import coopsim.weights
-
-    return sorted(path.stem for path in Path(coopsim.weights.__path__[0]).glob("*.safetensors"))
+def _print_lines(entries: list[Entry]) -> None:
+    width = max((len(_short(entry)) for entry in entries), default=0)
+    for entry in entries:
+        uplink = f"{entry['uplink']:<12}" if "uplink" in entry else ""
+        print(f"{_short(entry):<{width}}  {uplink}{entry['description']}".rstrip())
 
 
 LIST = Command(
-    "list the names of all that is registered or shipped: policies, environments, detectors, uplinks, codecs, ...",
+    "list what is registered or shipped: policies, environments, detectors, uplinks, codecs, ...",
     _add_list,
     _run_list,
+    ("coopsim list", "coopsim list policies", "coopsim list environments --json"),
 )

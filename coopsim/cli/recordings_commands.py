@@ -98,7 +98,12 @@ def _run_replay(options: argparse.Namespace) -> int:
     return 0
 
 
-REPLAY = Command("score a policy on recordings", _add_replay, _run_replay)
+REPLAY = Command(
+    "score a policy on recordings",
+    _add_replay,
+    _run_replay,
+    ("coopsim replay opv2v/test --policy late_fusion --latency-ms 100 --json scores.json",),
+)
 
 
 def _add_leaderboard(parser: argparse.ArgumentParser) -> None:
@@ -163,4 +168,9 @@ def _report(results: Results, options: argparse.Namespace) -> None:
         print(f"written: {path}")
 
 
-LEADERBOARD = Command("rank policies on recordings, as tables and a plot", _add_leaderboard, _run_leaderboard)
+LEADERBOARD = Command(
+    "rank policies on recordings, as tables and a plot",
+    _add_leaderboard,
+    _run_leaderboard,
+    ("coopsim leaderboard opv2v/test --policies no_fusion,late_fusion --out leaderboard",),
+)

@@ -7,7 +7,16 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from coopsim.cli.arguments import INTERRUPTED, Command, add_options, count, count_or_zero, named_options
+from coopsim.cli.arguments import (
+    INTERRUPTED,
+    Command,
+    add_device,
+    add_options,
+    count,
+    count_or_zero,
+    named_options,
+)
+from coopsim.support.files import require_writable, write_whole
 
 if TYPE_CHECKING:
     from tqdm import tqdm
@@ -29,9 +38,16 @@ def _add_train(parser: argparse.ArgumentParser) -> None:
     add("--out", type=Path, required=True, metavar="DIR", help="for checkpoint, weights, card, log and curves")
     add("--seed", type=count_or_zero, default=0, help="of first weights and samples (default: %(default)s)")
     add("--steps", type=count, help="of the optimizer (default: the recipe's)")
-    add("--workers", type=count_or_zero, default=1, help="processes that make clips ahead (default: %(default)s)")
+    add(
+        "--workers",
+        type=count_or_zero,
+        default=1,
+        metavar="N",
+        help="processes that make clips ahead (default: %(default)s)",
+    )
     add("--cache", type=Path, metavar="DIR", help="of clips: those in it are read, others are made and stored")
-    add("--device", default="auto", help="cpu, cuda, cuda:1 or auto: a GPU if there is one (default: %(default)s)")
+    add_device(parser, default="auto")
+    add("--json", type=Path, metavar="PATH", help="write the card of the weights here as well")
     add_options(parser, "of the recipe, as lr=0.001 or world.environments=[FOLDER]")
 
 
@@ -39,7 +55,10 @@ def _run_train(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     recipe = _recipe(options)
+    if options.json is not None:
+        require_writable(options.json)
     import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
+    from coopsim.learn.loop.training_log import CARD
     from coopsim.learn.train import train
 
     shape = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} steps [{elapsed}{postfix}]"
@@ -58,8 +77,10 @@ def _run_train(options: argparse.Namespace) -> int:
             bar.close()
             print(f"coopsim: interrupted; {_kept(options.out)}", file=sys.stderr)
             return INTERRUPTED
-    for path in (weights, *(options.out / name for name in ("card.json", "curves.svg"))):
+    for path in (weights, *(options.out / name for name in (CARD, "curves.svg"))):
         print(f"written: {path}")
+    if options.json is not None:
+        print(f"written: {write_whole(options.json, (options.out / CARD).read_text())}")
     return 0
 
 
@@ -94,4 +115,8 @@ TRAIN = Command(
     "train a network on what the simulator shows; the same command goes on after an interruption",
     _add_train,
     _run_train,
+    (
+        "coopsim train attfuse --out attfuse",
+        "coopsim train pillars --out mine --seed 1 --option lr=0.001",
+    ),
 )

@@ -47,7 +47,12 @@ def _run_record(options: argparse.Namespace) -> int:
     return 0
 
 
-RECORD = Command("simulate traffic and record it to a file that demos can play back", _add_record, _run_record)
+RECORD = Command(
+    "simulate traffic and record it to a file that demos can play back",
+    _add_record,
+    _run_record,
+    ("coopsim record highway --out highway.rec --frames 300 --seed 3",),
+)
 
 
 def _add_town(parser: argparse.ArgumentParser) -> None:
@@ -78,4 +83,9 @@ def _run_town(options: argparse.Namespace) -> int:
     return 0
 
 
-TOWN = Command("draw a town from a seed, and write it as a scenario file", _add_town, _run_town)
+TOWN = Command(
+    "draw a town from a seed, and write it as a scenario file",
+    _add_town,
+    _run_town,
+    ("coopsim town draw 7 --out town.yaml --picture town.png",),
+)

@@ -58,6 +58,11 @@ class Section(dict[str, Any]):
                 return section.place(key)
         return None
 
+    def rename(self, key: str, to: str) -> None:
+        """Move the value of a key, and its line, to another key."""
+        self[to] = self.pop(key)
+        self._lines = {to if each == key else each: line for each, line in self._lines.items()}
+
     def with_paths(self) -> Self:
         """Make texts under `PATH_KEYS`, at any depth, relative to the file's folder if they name a file there."""
         for key, value in self.items():

@@ -58,10 +58,12 @@ def read_config(path: Path) -> CorrelatedDetectorConfig:
 
 
 def _make_simulated(**parameters: Any) -> DetectorBase:
+    """Simulate a detector whose errors are independent from frame to frame, by numbers that are given."""
     return SimulatedDetector(instantiate("detector", "simulated", SimulatedDetectorConfig, parameters))
 
 
 def _make_fitted(name: str, /, **parameters: Any) -> DetectorBase:
+    """Simulate a detector whose errors are correlated in time, by numbers that were fitted to a real one."""
     fitted = preset(name)
     given = {field.name: getattr(fitted, field.name) for field in fields(fitted)}
     return CorrelatedDetector(instantiate("detector", name, CorrelatedDetectorConfig, given | parameters))

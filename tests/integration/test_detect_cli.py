@@ -13,6 +13,7 @@ from coopsim.bench.detect.detect import EVERYWHERE
 from coopsim.bench.detect.detect_plan import DetectJob, DetectOutcome
 from coopsim.cli import main
 
+NOISES = ["--pose", "together", "--position-noises-m", "0,0.4", "--heading-noises-deg", "0,0.4"]
 QUICK = ["--option", "lidar=null", "--detector", "simulated", "--frames", "2"]
 SCENARIO = """
 scenario: crossing
@@ -50,7 +51,7 @@ def test_rows_of_policies_environments_noises_and_delays(
     own = tmp_path / "mine.yaml"
     own.write_text(SCENARIO)
     more = ["--policies", "no_fusion,late_fusion(hits=1)", "--environments", f"crossing,{own}", "--seeds", "3"]
-    rows = _detect(tmp_path / "out.json", *more, "--noise", "0/0,0.4/0.4", "--delays-ms", "0,500", "--table")
+    rows = _detect(tmp_path / "out.json", *more, *NOISES, "--latencies-ms", "0,500", "--table")
     assert len(rows) == 2 * (2 + 1) * 4 and len(here) == 2 * 2 * 4
     late = [row for row in rows if row["policy"] == "late_fusion(hits=1)" and row["environment"] == "crossing"]
     assert [(row["noise"], row["delay_ms"]) for row in late] == [
@@ -134,7 +135,7 @@ def test_fusions_of_features_have_detections_and_bytes_of_their_own(here: list[D
 def test_rows_are_the_same_for_any_number_of_processes(tmp_path: Path) -> None:
     found = []
     for jobs in ("1", "2"):
-        rows = _detect(tmp_path / f"{jobs}.json", "--seeds", "0-1", "--jobs", jobs)
+        rows = _detect(tmp_path / f"{jobs}.json", "--seeds", "0-1", "--workers", jobs)
         found.append([{name: value for name, value in row.items() if not name.startswith("ms_")} for row in rows])
     assert found[0] == found[1]
 
@@ -146,9 +147,10 @@ def test_rows_are_the_same_for_any_number_of_processes(tmp_path: Path) -> None:
         (["--policies", "late_fusio"], "late_fusion"),
         (["--environments", "crosing"], "crossing"),
         (["--noise", "0.4"], "0/0,0.4/0.4"),
+        (["--pose", "together", "--position-noises-m", "0,0.4"], "as many position as heading noises"),
         (["--receivers", "car"], "cars"),
         (["--boxes", "track"], "tracks"),
-        (["--option", "latency_s=0.1"], "--delays-ms"),
+        (["--option", "latency_s=0.1"], "--latencies-ms"),
         (["--option", "lidr=VLP-16"], "lidar"),
         (["--detector", "pilars"], "detector"),
         (["--frame", "3"], "--frames"),

@@ -1,6 +1,7 @@
 """Grids from YAML files: shipped presets and users' own.
 
-A file has the attributes of `Grid` as its keys; `options` has those of an environment.
+A file has the attributes of `Grid` as its keys, or `environments` for `scenarios`; `options` has those of an
+environment.
 """
 
 from __future__ import annotations
@@ -21,6 +22,9 @@ _PRESETS = Path(__file__).parent / "presets"
 
 PRESETS = tuple(sorted(path.stem for path in _PRESETS.glob("*.yaml")))
 """Names of the shipped grids."""
+
+_WORLDS = "environments"
+"""Key of the command line's name for `Grid.scenarios`."""
 
 _ABOUT = {
     "policies": r"(unknown )?(parameter of )?policy\b",
@@ -91,8 +95,12 @@ def find_grid(
     file = Section()
     if path is not None:
         root = read_yaml(Path(path), GridFileError)
-        root.fields((), ATTRIBUTES)
+        root.fields((), (*ATTRIBUTES, _WORLDS))
         file = root.value
+        if _WORLDS in file:
+            if "scenarios" in file:
+                raise GridFileError(f"{_WORLDS} and scenarios are one list too many").at(file.place(_WORLDS))
+            file.rename(_WORLDS, "scenarios")
         if not (trust or overrides.get("policies")):
             _refuse_code(file)
     if more_policies:

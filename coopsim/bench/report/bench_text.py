@@ -84,6 +84,31 @@ def to_csv(table: ResultTable) -> str:
     return to_csv_text(rows)
 
 
+def to_rows(table: ResultTable) -> list[dict[str, Any]]:
+    """Return a row for each policy and condition: every metric's mean over seeds with its 95 % interval.
+
+    Numbers that are not known, or are infinite, are None, as JSON has neither.
+    """
+    metrics = {name: table.values(name) for name in table.metrics}
+    return [
+        {
+            "policy": policy,
+            **_finite(asdict(condition)),
+            "metrics": {
+                name: _finite({key: asdict(table.interval(name, values[p, c]))[key] for key in ("mean", "low", "high")})
+                for name, values in metrics.items()
+            },
+        }
+        for p, policy in enumerate(table.policies)
+        for c, condition in enumerate(table.conditions)
+    ]
+
+
+def _finite(values: Mapping[str, Any]) -> dict[str, Any]:
+    known = {name for name, each in values.items() if not isinstance(each, float) or math.isfinite(each)}
+    return {name: each if name in known else None for name, each in values.items()}
+
+
 def _usual(table: ResultTable) -> tuple[str, ...]:
     return tuple(name for name in (*METRICS_SHOWN, *custom_metrics()) if name in table.shown) or table.shown
 

@@ -50,7 +50,7 @@ class OpenGLRenderer(Renderer):
     name = "opengl"
 
     def __init__(self) -> None:
-        self._context: Any = _context()
+        self._context: Any = make_context()
         self._program = self._context.program(vertex_shader=_VERTEX, fragment_shader=_FRAGMENT)
         self._scene: _Scene | None = None
         self._canvases: dict[Intrinsics, _Canvas] = {}
@@ -168,7 +168,7 @@ def _matrix(pose: SE3) -> Floats:
     return matrix
 
 
-def _context() -> Any:
+def make_context() -> Any:
     """Make an OpenGL context without a window; raise `MissingDependencyError` that says what to install."""
     try:
         import moderngl

@@ -34,7 +34,7 @@ _MAST_M = 13.5
 
 
 def make_avenue() -> Layout:
-    """Build the layout; it has no parameters and no randomness."""
+    """Build two avenues that cross, with bays for left turns; the layout has no parameters and no randomness."""
     network = RoadNetwork()
     add_arms(network, _STREETS)
     movements = [*add_turns(network, _STREETS, turns=(1, 2))]

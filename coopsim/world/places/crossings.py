@@ -46,12 +46,12 @@ _QUADRANTS = ((1, 1), (-1, 1), (-1, -1), (1, -1))
 
 
 def make_crossing() -> Layout:
-    """Build the layout with four arms; it has no parameters and no randomness."""
+    """Build a crossing of four arms between buildings; the layout has no parameters and no randomness."""
     return _junction(Streets())
 
 
 def make_t_junction() -> Layout:
-    """Build the layout with three arms: the one that leads along y is missing."""
+    """Build a junction of three arms between buildings: of the crossing, one that leads along y is missing."""
     return _junction(Streets(arms=(0, 2, 3)))
 
 
@@ -97,7 +97,7 @@ _STOP_M = float(np.sqrt(np.square(_RING_M + _ENTRY_M) - np.square(_OFFSET_M)))
 
 
 def make_roundabout() -> Layout:
-    """Build the layout; it has no parameters and no randomness."""
+    """Build a roundabout with four arms; the layout has no parameters and no randomness."""
     streets = Streets(stop_m=_STOP_M, length_m=_STOP_M + 101.0, kerb_m=LANE_M + _MEDIAN_M / 2, median_m=_MEDIAN_M)
     network = RoadNetwork()
     add_arms(network, streets)

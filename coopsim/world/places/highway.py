@@ -46,7 +46,7 @@ RSU_HEIGHT_M = 6.0
 
 
 def make_highway() -> Layout:
-    """Build the layout; it has no parameters and no randomness."""
+    """Build two straight carriageways of three lanes; the layout has no parameters and no randomness."""
     network = RoadNetwork()
     for lane in range(LANES):
         # Lane 0 is the leftmost in the direction of travel, so that "lane left" is to the left.
@@ -94,7 +94,7 @@ def make_highway() -> Layout:
 
 
 def make_platoon() -> Layout:
-    """Build the same road, on which possibly connected cars keep to one lane, at `PLATOON_GAP_S`."""
+    """Build the highway, on which possibly connected cars keep to one lane, at `PLATOON_GAP_S`."""
     highway = make_highway()
 
     def rank(index: int) -> tuple[bool, bool, float]:

@@ -39,7 +39,7 @@ _VERGE_M = 0.8  # from the edge of the main road to a barrier beside it
 
 
 def make_merge(hidden_m: float | None = None) -> Layout:
-    """Build the layout; it has no randomness.
+    """Build a slip road that joins a main road behind a noise barrier; the layout has no randomness.
 
     Args:
         hidden_m: distance between the end of a barrier at the edge of the main road and the place where the roads meet;

@@ -36,7 +36,7 @@ _STEP = ((1, 0), (0, 1), (-1, 0), (0, -1))
 
 
 def make_urban_grid() -> Layout:
-    """Build the layout; it has no parameters and no randomness."""
+    """Build nine junctions, three by three, and four blocks of buildings; it has no randomness."""
     network = RoadNetwork()
     junctions = {spot: Streets(arms=tuple(arm for arm in range(4) if _next(spot, arm) in _PLACES)) for spot in _PLACES}
     movements: list[tuple[str, str]] = []

@@ -1,0 +1,153 @@
+"""Estimates of the work that a benchmark or a detection measurement still has, without running it."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from coopsim.bench.benchmark import check
+from coopsim.bench.detect.detect_plan import DetectJob, DetectPlan
+from coopsim.bench.detect.perceived import PerceivedFiles
+from coopsim.bench.engine.job import Job, MetricSpec, run_job
+from coopsim.bench.grid.grid import Grid
+from coopsim.bench.isolated.isolation import Isolation
+from coopsim.bench.store.fingerprint import Sources
+from coopsim.bench.store.store import CELLS, Store
+from coopsim.errors import StoreError
+from coopsim.support.processes import cores
+
+Kind = tuple[str, str]
+"""Policy and environment, which decide the duration of a run."""
+
+_TIMED_FRAMES = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """Work that is left.
+
+    Attributes:
+        runs: number of all runs.
+        stored: number of those whose outcome is stored.
+        left_s: estimated seconds of the others, for one worker.
+        timed: number of short runs that were made for it.
+    """
+
+    runs: int
+    stored: int
+    left_s: float
+    timed: int
+
+    def text(self, unit: str, workers: int | None) -> str:
+        """Describe the work; `unit` is the runs' noun in the plural, None workers are as many as cores."""
+        at_once = workers or cores()
+        hours = self.left_s / at_once / 3600
+        basis = f"from {self.timed} short runs here" if self.timed else "from stored runs"
+        left = f"{self.runs} {unit}, {self.stored} are stored, {self.runs - self.stored} to run"
+        return left if self.runs == self.stored else f"{left}: about {hours:.2g} hours with {at_once} workers ({basis})"
+
+
+def estimate_benchmark(grid: Grid, folder: Path, isolation: Isolation = Isolation()) -> Estimate:  # noqa: B008  (frozen)
+    """Estimate the work of `benchmark`. Nothing is written.
+
+    Seconds are those of stored cells of the same policy and scenario, or else of a few frames that are run now.
+
+    Raises:
+        CoopsimError: a name is unknown or a value is not accepted.
+    """
+    policies, metrics, sources = check(grid, isolation), MetricSpec.all(), Sources()
+    jobs = [Job.of(cell, grid.options, policies[cell.policy], metrics, isolation, sources) for cell in grid.cells()]
+    stored: defaultdict[Kind, list[float]] = defaultdict(list)
+    waiting = []
+    store = Store(folder) if (folder / CELLS).is_dir() else None
+    for job in jobs:
+        if store is None or not store.path_of(job.key).is_file():
+            waiting.append(job)
+        elif (seconds := store.circumstances(job.key).get("seconds")) is not None:
+            stored[_kind(job)].append(float(seconds))
+    first = {_kind(job): job for job in reversed(waiting)}
+    known = {kind: sum(seconds) / len(seconds) for kind, seconds in stored.items()}
+    seconds, timed = _complete(known, first, lambda kind: _seconds_of_cell(first[kind]))
+    return Estimate(len(jobs), len(jobs) - len(waiting), sum(seconds[_kind(job)] for job in waiting), timed)
+
+
+def estimate_detection(plan: DetectPlan, folder: Path | None) -> Estimate:
+    """Estimate the work of `measure_detection`. Nothing is written.
+
+    Raises:
+        CoopsimError: a name is unknown or a value is not accepted.
+    """
+    plan.check()
+    jobs = [job for row in plan.rows() for job in plan.jobs_of(*row)]
+    stored: defaultdict[Kind, list[float]] = defaultdict(list)
+    waiting = []
+    files = None if folder is None or not folder.is_dir() else PerceivedFiles(folder)
+    for job in jobs:
+        frame_s = None if files is None else _stored_frame_s(files, job)
+        if frame_s is None:
+            waiting.append(job)
+        else:
+            stored[job.policy.text, job.environment].append(frame_s)
+    first = {(job.policy.text, job.environment): job for job in reversed(waiting)}
+    known = {kind: sum(each) / len(each) for kind, each in stored.items()}
+    frame_s, timed = _complete(known, first, lambda kind: _frame_s_of_episode(first[kind]))
+    left_s = sum(frame_s[job.policy.text, job.environment] * job.pace.cycles for job in waiting)
+    return Estimate(len(jobs), len(jobs) - len(waiting), left_s, timed)
+
+
+def _complete(
+    known: Mapping[Kind, float], wanted: Iterable[Kind], measure: Callable[[Kind], float]
+) -> tuple[dict[Kind, float], int]:
+    """Return seconds of every wanted kind, and how many were measured.
+
+    Where many are unknown, each policy is measured in the first environment, and the first policy in each of the
+    others: a policy's seconds are taken to grow from one environment to another as the first policy's do.
+    """
+    found = dict(known)
+    unknown = [kind for kind in wanted if kind not in found]
+    policies = list(dict.fromkeys(policy for policy, _ in unknown))
+    environments = list(dict.fromkeys(environment for _, environment in unknown))
+    cross = {(policy, environments[0]) for policy in policies} | {(policies[0], each) for each in environments[1:]}
+    measured = sorted(cross - found.keys()) if unknown else []
+    found |= {kind: measure(kind) for kind in measured}
+    for policy, environment in unknown:
+        if (policy, environment) not in found:
+            growth = found[policies[0], environment] / max(found[policies[0], environments[0]], 1e-9)
+            found[policy, environment] = found[policy, environments[0]] * growth
+    return found, len(measured)
+
+
+def _kind(job: Job) -> Kind:
+    return job.cell.policy, job.cell.condition.scenario
+
+
+def _seconds_of_cell(job: Job) -> float:
+    """Run the first frames of a cell, and return the seconds of the whole; without a fixed length, run the whole."""
+    frames = job.cell.frames
+    if frames is None:
+        return run_job(job).seconds
+    ends: list[float] = []
+    short = replace(job, cell=replace(job.cell, frames=min(frames, _TIMED_FRAMES)))
+    outcome = run_job(short, on_frame=lambda env: ends.append(time.perf_counter()))
+    frame_s = (ends[-1] - ends[0]) / (len(ends) - 1) if len(ends) > 1 else 0.0
+    return outcome.seconds + frame_s * max(frames - len(ends), 0)
+
+
+def _stored_frame_s(files: PerceivedFiles, job: DetectJob) -> float | None:
+    """Return the seconds of a frame of a stored episode; None if there is none, or it is broken."""
+    try:
+        perceived = files.get(job.key)
+    except StoreError:
+        return None
+    return None if perceived is None else sum(perceived.ms.values()) / 1000
+
+
+def _frame_s_of_episode(job: DetectJob) -> float:
+    """Run two measured frames twice, as the first run compiles, and return the seconds of a frame; 0 if it fails."""
+    short = replace(job, pace=replace(job.pace, frames=min(job.pace.frames, 2)))
+    short.run()
+    perceived = short.run().perceived
+    return 0.0 if perceived is None else sum(perceived.ms.values()) / 1000
