@@ -93,8 +93,8 @@ def estimate_detection(plan: DetectPlan, folder: Path | None) -> Estimate:
             stored[job.policy.text, job.environment].append(frame_s)
     first = {(job.policy.text, job.environment): job for job in reversed(waiting)}
     known = {kind: sum(each) / len(each) for kind, each in stored.items()}
-    frame_s, timed = _complete(known, first, lambda kind: _frame_s_of_episode(first[kind]))
-    left_s = sum(frame_s[job.policy.text, job.environment] * job.pace.cycles for job in waiting)
+    seconds, timed = _complete(known, first, lambda kind: _frame_s_of_episode(first[kind]))
+    left_s = sum(seconds[job.policy.text, job.environment] * job.pace.cycles for job in waiting)
     return Estimate(len(jobs), len(jobs) - len(waiting), left_s, timed)
 
 
