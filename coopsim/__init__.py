@@ -3,8 +3,8 @@
 ```python
 import coopsim
 
-env = coopsim.parallel_env("crossing", latency_s=0.2, position_noise_m=0.2, max_cycles=50)
 policy = coopsim.make_policy("late_fusion")
+env = coopsim.parallel_env("crossing", uplink=policy, latency_s=0.2, position_noise_m=0.2, max_cycles=50)
 observations, infos = env.reset(seed=7)
 policy.reset(env.agent_specs, seed=7)
 while env.agents:
