@@ -22,11 +22,20 @@ from coopsim.agents import (
     truth,
     vic_integrated,
 )
+from coopsim.agents.boxes import AB3DMOTTracking, LateFusion
+from coopsim.agents.learned_fusion import LearnedFusion
+from coopsim.agents.perceiving_policy import PerceivingPolicy
 from coopsim.agents.policy import Needs, Policy
+from coopsim.agents.tracking_policy import TrackingPolicy
 
 __all__ = [
+    "AB3DMOTTracking",
+    "LateFusion",
+    "LearnedFusion",
     "Needs",
+    "PerceivingPolicy",
     "Policy",
+    "TrackingPolicy",
     "appearance",
     "boxes",
     "coop_fuse",

@@ -19,12 +19,12 @@ for a single agent that learns.
 
 from __future__ import annotations
 
-import importlib
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from coopsim.support.interrupts import tell_in_one_line
+from coopsim.support.lazy_names import lazy_names
 
 if Path("".join(sys.argv[:1])).stem == "coopsim":  # the command: Ctrl-C may come while it imports
     sys.excepthook = tell_in_one_line
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from coopsim.bench.evaluate import Evaluation as Evaluation
     from coopsim.bench.evaluate import evaluate as evaluate
     from coopsim.bench.evaluate import evaluate_recordings as evaluate_recordings
+    from coopsim.bench.evaluate import rollout as rollout
     from coopsim.catalog import ENVIRONMENTS as ENVIRONMENTS
     from coopsim.catalog import POLICIES as POLICIES
     from coopsim.catalog import make_policy as make_policy
@@ -84,6 +85,7 @@ _HOMES = {
     "PlannedCar": "coopsim.planning.planner",
     "Planner": "coopsim.planning.planner",
     "record": "coopsim.envs.simulated.record_episode",
+    "rollout": "coopsim.bench.evaluate",
     "set_precision": "coopsim.support.precision",
     "vector": "coopsim.envs.vector.make",
 }
@@ -91,11 +93,4 @@ _HOMES = {
 __all__ = ["__version__", *_HOMES]
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module 'coopsim' has no attribute {name!r}")
-    return getattr(importlib.import_module(_HOMES[name]), name)
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__ = lazy_names(__name__, _HOMES)

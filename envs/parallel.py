@@ -104,12 +104,17 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         }
         self.state_space = spaces.Box(-np.inf, np.inf, (source.capacity, 11), np.float64)
         self._frame: Frame | None = None
+        self._seed: int | None = None
         self._halfway = False  # a call began to change things and did not come to its end
         self._exchange: Exchange
         self._scorer: Scorer
         self._observations: dict[str, Packed] = {}
         self._gained: dict[str, float] = {}  # rewards of messages, of the step to this frame
         self._view = ScoredView()
+
+    def __repr__(self) -> str:
+        episode = "no episode" if self._frame is None or self._seed is None else f"seed {self._seed}"
+        return f"<{type(self).__name__} {self._source.name}: agents {', '.join(self.possible_agents)}; {episode}>"
 
     @property
     def agent_specs(self) -> Mapping[str, AgentSpec]:
@@ -185,6 +190,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         except (UnknownNameError, RecordingError):  # what was asked for is not there, and nothing has begun
             self._halfway = before
             raise
+        self._seed = seed
         self._exchange = Exchange(self._options, self._source.specs, self.road_map.buildings, seed)
         self._scorer = Scorer(
             tuple(self._frame.agents),  # of a recording, an episode need not have all possible ones

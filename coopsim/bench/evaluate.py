@@ -117,17 +117,38 @@ def evaluate(
     policy = _instance(policy)
     env = listening_env(environment, policy, options)
     try:
-        seed = usual_seed(environment) if seed is None else seed
-        rewards, seconds = run_episode(env, policy, seed=seed, on_frame=on_frame)
-        # A policy with its own `act` may not count.
-        rejected, counts = getattr(policy, "rejected", {}), getattr(policy, "counts", {})
-        messages = replace(env.channel_counts, rejected=sum(rejected.values()))
-        place_seed = env.episode_infos.get("place_seed")
-        score, links = env.score(), env.link_counts
-        told = policy.method, policy.needs.truth
-        return Evaluation(score, rewards, len(rewards), seconds, messages, links, place_seed, dict(counts), *told)
+        return rollout(env, policy, usual_seed(environment) if seed is None else seed, on_frame=on_frame)
     finally:
         env.close()
+
+
+def rollout(
+    env: CooperativeEnv, policy: Policy | str, seed: int | None = None, *, on_frame: OnFrame | None = None
+) -> Evaluation:
+    """Run a policy through one episode of an environment, which stays open.
+
+    The environment is reset before the policy, as the policy is told the agents of the episode.
+
+    Args:
+        env: an environment that broadcasts what the policy needs, as with the option `uplink=policy`.
+        policy: a policy, or a text for `PolicySpec`: its name with parameters, or the place of its class.
+        seed: decides everything in the episode; None: the environment's option `seed`, or 0.
+        on_frame: called after every step.
+
+    Raises:
+        PolicyMismatchError: the environment does not provide what the policy needs.
+    """
+    policy = _instance(policy)
+    seed = (env.default_seed or 0) if seed is None else seed
+    rewards, seconds = run_episode(env, policy, seed=seed, on_frame=on_frame)
+    # A policy with its own `act` may not count.
+    rejected, counts = getattr(policy, "rejected", {}), getattr(policy, "counts", {})
+    messages = replace(env.channel_counts, rejected=sum(rejected.values()))
+    place_seed = env.episode_infos.get("place_seed")
+    told = policy.method, policy.needs.truth
+    return Evaluation(
+        env.score(), rewards, len(rewards), seconds, messages, env.link_counts, place_seed, dict(counts), *told
+    )
 
 
 def evaluate_recordings(
