@@ -247,21 +247,26 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._halfway = False
         return observations, rewards, crashed, truncated, infos
 
-    def frames(self, seed: int) -> Iterator[Frame]:
+    def frames(self, seed: int, sequence: str | None = None) -> Iterator[Frame]:
         """Yield the frames of an episode as its sensors make them, without exchange and scores: for export.
 
         They hold the truth, so this needs `expose_ground_truth`. Cars that the action would drive keep their lane, and
         planners get no tracks. The episode that was running is over.
 
+        Args:
+            seed: decides everything.
+            sequence: sequence of a recording; None: the source's own choice.
+
         Raises:
             InvalidValueError: the truth is not exposed, or the seed has a wrong type or value.
+            UnknownNameError: there is no such sequence.
         """
         if not self._options.expose_ground_truth:
             raise InvalidValueError("frames hold the truth: they need expose_ground_truth=True")
         require_seed(seed)
         self._frame, self.agents, self._halfway = None, [], False
         idling = {name: idle(spec.command) for name, spec in self.agent_specs.items() if spec.drives}
-        frame = self._source.start(seed, {})
+        frame = self._source.start(seed, {} if sequence is None else {"sequence": sequence})
         yield frame
         while not frame.last:
             frame = self._source.advance(idling, {name: Tracks.empty() for name in frame.agents})

@@ -47,10 +47,14 @@ _TOGETHER = 10
 class Measured:
     """An episode, and the ranking behind each metric of a protocol.
 
-    Attributes:
-        perceived: the episode.
-        rankings: by metric.
-        beside: rankings of the protocol that stands beside it, see `_BESIDE`; empty without one.
+        Attributes:
+            perceived: the episode.
+    <<<<<<< HEAD
+            rankings: by metric.
+    =======
+            rankings: rankings by metric.
+    >>>>>>> bdb976b8 (Move the frames of a chosen sequence, and begin arguments' descriptions with a noun)
+            beside: rankings of the protocol that stands beside it, see `_BESIDE`; empty without one.
     """
 
     perceived: Perceived
