@@ -114,7 +114,8 @@ def _config(options: argparse.Namespace) -> DemoConfig:
     world = {} if played is None else {**played.header.population, "playback": options.playback}
     given = named_options(options, _FLAGS)
     explicit = {*given, *_options_of_file(options.environment)}
-    given["attacks"] = options.attack or None
+    if options.attack:
+        given["attacks"] = " + ".join(filter(None, options.attack))
     given = {**world, **population(options), **_degradation(options, explicit), **given, **detector_option(options)}
     if "detector" in given:
         given["detector"] = detector_on(options.device, given["detector"])

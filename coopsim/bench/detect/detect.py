@@ -49,12 +49,8 @@ class Measured:
 
         Attributes:
             perceived: the episode.
-    <<<<<<< HEAD
-            rankings: by metric.
-    =======
-            rankings: rankings by metric.
-    >>>>>>> bdb976b8 (Move the frames of a chosen sequence, and begin arguments' descriptions with a noun)
-            beside: rankings of the protocol that stands beside it, see `_BESIDE`; empty without one.
+                rankings: rankings by metric.
+                beside: rankings of the protocol that stands beside it, see `_BESIDE`; empty without one.
     """
 
     perceived: Perceived
