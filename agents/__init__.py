@@ -24,6 +24,7 @@ from coopsim.agents import (
 )
 from coopsim.agents.boxes import AB3DMOTTracking, LateFusion
 from coopsim.agents.learned_fusion import LearnedFusion
+from coopsim.agents.opencood_network import OpenCoodNetwork
 from coopsim.agents.perceiving_policy import PerceivingPolicy
 from coopsim.agents.policy import Needs, Policy
 from coopsim.agents.tracking_policy import TrackingPolicy
@@ -33,6 +34,7 @@ __all__ = [
     "LateFusion",
     "LearnedFusion",
     "Needs",
+    "OpenCoodNetwork",
     "PerceivingPolicy",
     "Policy",
     "TrackingPolicy",

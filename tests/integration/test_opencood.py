@@ -1,159 +1,156 @@
-"""OpenCOOD itself, unchanged, reads an export: points, truth, and three of its PointPillars models run through.
-
-Runs where `COOPSIM_OPENCOOD` names a checkout whose needs are installed beside coopsim (docs/reference/export.md).
-"""
+"""Samples and policies in OpenCOOD's layout: voxels hold their points, transforms place them, boxes are around them."""
 
 from __future__ import annotations
 
-import importlib
-import os
-from collections.abc import Iterator
-from pathlib import Path
-from types import ModuleType
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 
+pytest.importorskip("torch")
+
+import torch
+from torch.utils.data import DataLoader
+
 import coopsim
-from coopsim.data.export.opv2v_format import OBJECT_NUMBER
-from coopsim.data.files.carla_axes import mirror
-from coopsim.types import ObjectClass
+from coopsim.agents.opencood_network import OpenCoodNetwork
+from coopsim.data.opencood import Layout, collate, make_sample, voxelize
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import SE3
+from coopsim.learn.opencood_frames import CooperativeFrames, join
+from coopsim.testing import check_policy
+from coopsim.types import PointCloud
 
-CHECKOUT = os.environ.get("COOPSIM_OPENCOOD")
-
-pytestmark = [
-    pytest.mark.skipif(not CHECKOUT, reason="COOPSIM_OPENCOOD names no checkout"),
-    pytest.mark.filterwarnings("ignore"),  # of theirs
-]
-
-SEED, FRAMES = 5, 2
-LEAST_M, MOST_M = (-139.9, -39.9, -2.9), (139.9, 39.9, 0.9)
-"""Boxes with a corner beyond x, y, z of -140, -40, -3 to 140, 40, 1 m from the ego's LiDAR are not in its truth."""
-
-OPTIONS = {"vehicles": 20, "rsus": 1, "position_noise_m": 0.3}
-DROPPED = {"int": int, "float": float, "bool": bool, "Inf": np.inf}
-"""What numpy has dropped since OpenCOOD was written."""
-
-MODELS = {
-    "point_pillar_late_fusion": "inference_late_fusion",
-    "point_pillar_early_fusion": "inference_early_fusion",
-    "point_pillar_intermediate_fusion": "inference_intermediate_fusion",  # AttFuse
-}
+RNG = np.random.default_rng(0)
+SMALL = Layout(range_m=(-20, -20, -3, 20, 20, 1), most_points=4, most_voxels=60)
+HERE, THERE = SE3.from_xyz_yaw([0, 0, 0], 0.0), SE3.from_xyz_yaw([10, 4, 0.5], 0.7)
 
 
-@pytest.fixture(scope="module")
-def opencood() -> Iterator[dict[str, ModuleType]]:
-    import matplotlib
-
-    modules = "data_utils.datasets", "hypes_yaml.yaml_utils", "tools.inference_utils", "utils.transformation_utils"
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in DROPPED.items():
-            if name not in np.__dict__:
-                patch.setattr(np, name, value, raising=False)
-        if not hasattr(matplotlib.cm, "get_cmap"):
-            patch.setattr(matplotlib.cm, "get_cmap", matplotlib.colormaps.__getitem__, raising=False)
-        patch.syspath_prepend(str(CHECKOUT))
-        yield {name.rpartition(".")[2]: importlib.import_module(f"opencood.{name}") for name in modules}
+def cloud(count: int = 500, reach_m: float = 18.0) -> PointCloud:
+    return PointCloud(RNG.uniform(-reach_m, reach_m, (count, 3)) * [1, 1, 0.1] + [0, 0, 1], RNG.random(count))
 
 
-@pytest.fixture(scope="module")
-def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("opencood") / "out"
-    return coopsim.export("opv2v", "crossing", folder, seeds=(SEED,), frames=FRAMES, **OPTIONS)
+def test_voxels_hold_the_points_of_their_cells_in_order() -> None:
+    points = cloud().transform(SMALL.lidar_SE3_base)
+    made = voxelize(SMALL, points)
+    low, size = np.array(SMALL.range_m[:3]), np.array(SMALL.voxel_m)
+    seen: dict[tuple[int, ...], list[Any]] = {}
+    for xyz, intensity in zip(points.xyz, points.intensity, strict=True):
+        cell = tuple(np.floor((xyz - low) / size).astype(int)[::-1])
+        seen.setdefault(cell, []).append([*xyz, intensity])
+    cells = list(seen)[: SMALL.most_voxels]
+    assert [tuple(row[1:]) for row in made["voxel_coords"]] == cells
+    for number, cell in enumerate(cells):
+        kept = np.array(seen[cell][: SMALL.most_points])
+        assert made["voxel_num_points"][number] == len(kept)
+        np.testing.assert_allclose(made["voxel_features"][number, : len(kept)], kept, rtol=1e-6)
+        assert not made["voxel_features"][number, len(kept) :].any()
 
 
-@pytest.fixture(scope="module")
-def frames() -> list[Any]:
-    env = coopsim.parallel_env("crossing", expose_ground_truth=True, detector="none", **OPTIONS)
-    return [frame for frame, _ in zip(env.frames(SEED), range(FRAMES), strict=False)]
+def test_points_outside_and_no_points_at_all_make_no_voxels() -> None:
+    far = PointCloud(np.array([[500.0, 0, 0]]), np.ones(1))
+    for empty in (PointCloud.empty(), far):
+        assert [len(value) for value in voxelize(SMALL, empty).values()] == [0, 0, 0]
 
 
-def _dataset(opencood: dict[str, ModuleType], folder: Path, config: str) -> tuple[dict[str, Any], Any]:
-    hypes = opencood["yaml_utils"].load_yaml(str(Path(str(CHECKOUT), "opencood", "hypes_yaml", f"{config}.yaml")))
-    hypes |= {"root_dir": str(folder), "validate_dir": str(folder)}
-    return hypes, opencood["datasets"].build_dataset(hypes, visualize=False, train=False)
+def test_a_matrix_takes_points_from_one_agents_frame_to_the_others() -> None:
+    sample = make_sample(SMALL, [cloud(), cloud()], [HERE, THERE])
+    point = np.array([3.0, -2.0, 0.0])
+    of_second = sample["pairwise_t_matrix"][0, 1, 0] @ [*point, 1]
+    expected = THERE.apply(point + np.array([0, 0, SMALL.origin_z_m])) - np.array([0, 0, SMALL.origin_z_m])
+    np.testing.assert_allclose(of_second[:3], expected)
+    back = sample["pairwise_t_matrix"][0, 0, 1] @ of_second
+    np.testing.assert_allclose(back[:3], point, atol=1e-12)
+    assert sample["record_len"].tolist() == [2]
+    assert (sample["pairwise_t_matrix"][0, 2:] == np.eye(4)).all()
 
 
-def _model(config: dict[str, Any]) -> Any:
-    """The model of a configuration, untrained, as their `create_model` finds it; its module needs more than models."""
-    module = importlib.import_module(f"opencood.models.{config['core_method']}")
-    wanted = config["core_method"].replace("_", "")
-    (made,) = (each for name, each in vars(module).items() if name.lower() == wanted)
-    return made(config["args"])
+def test_projected_points_are_in_the_receivers_frame_and_matrices_say_so() -> None:
+    layout = Layout(range_m=SMALL.range_m, projected=True)
+    one = PointCloud(np.array([[1.0, 2.0, 1.0]]), np.ones(1))
+    sample = make_sample(layout, [PointCloud.empty(), one], [HERE, THERE])
+    found = sample["processed_lidar"]["voxel_features"][0, 0, :3]
+    np.testing.assert_allclose(found, THERE.apply(one.xyz[0]) - [0, 0, layout.origin_z_m], rtol=1e-5)
+    assert (sample["pairwise_t_matrix"] == np.eye(4)).all() and sample["processed_lidar"]["voxel_coords"][0, 0] == 1
 
 
-def _folder(name: str, actor_id: int | None) -> str:
-    return "-1" if actor_id is None else str(OBJECT_NUMBER + actor_id)
+def test_the_nearest_agents_are_kept_and_the_receiver_is_first() -> None:
+    poses = [HERE, *(SE3.from_xyz_yaw([x, 0, 0], 0.0) for x in (30.0, 10.0, 20.0))]
+    marked = [PointCloud(np.array([[0.0, 0, 1]]), np.array([level])) for level in (0.1, 0.3, 0.5, 0.7)]
+    sample = make_sample(Layout(most_agents=3), marked, poses)
+    assert sample["record_len"].tolist() == [3]
+    np.testing.assert_allclose(sample["processed_lidar"]["voxel_features"][:, 0, 3], [0.1, 0.5, 0.7])
 
 
-def test_its_data_set_gives_the_points_and_poses_that_were_exported(opencood, exported, frames):
-    _, dataset = _dataset(opencood, exported, "point_pillar_intermediate_fusion")
-    assert len(dataset) == FRAMES
-    to_world = opencood["transformation_utils"].x_to_world
-    for index, frame in enumerate(frames):
-        base = dataset.retrieve_base_data(index)
-        assert {name for name, content in base.items() if content["ego"]} == {min(name for name in base if name > "0")}
-        agents = {_folder(name, agent.body.actor_id): agent for name, agent in frame.agents.items()}
-        assert set(base) == set(agents)
-        for name, agent in agents.items():
-            (sweep,) = agent.observation.sweeps.values()
-            points = base[name]["lidar_np"]
-            world = np.column_stack([points[:, :3], np.ones(len(points))])
-            world = world @ to_world(base[name]["params"]["lidar_pose"]).T
-            truth = mirror(agent.body.world_SE3_base.apply(sweep.points))
-            np.testing.assert_allclose(world[:, :3], truth, atol=1e-3)
-            np.testing.assert_allclose(points[:, 3], sweep.intensity, atol=1 / 255)
+@pytest.mark.parametrize(("order", "sizes"), [("hwl", [1.5, 1.9, 4.5]), ("lwh", [4.5, 1.9, 1.5])])
+def test_boxes_come_back_from_rows_of_either_order(order: str, sizes: list[float]) -> None:
+    layout = Layout(order=order)
+    boxes = Boxes3D.from_array([[5.0, 2.0, 0.8, 4.5, 1.9, 1.5, 0.3]])
+    rows = layout.to_rows(boxes)
+    np.testing.assert_allclose(rows[0], [5.0, 2.0, 0.8 - layout.origin_z_m, *sizes, 0.3])
+    np.testing.assert_allclose(layout.to_boxes(rows).array, boxes.array)
 
 
-def test_its_truth_is_that_of_the_simulation(opencood, exported, frames):
-    _, dataset = _dataset(opencood, exported, "point_pillar_intermediate_fusion")
-    for index, frame in enumerate(frames):
-        base = dataset.retrieve_base_data(index)
-        ego = next(content for content in base.values() if content["ego"])
-        found, mask, ids = dataset.post_processor.generate_object_center(
-            list(base.values()), ego["params"]["lidar_pose"]
-        )
-        found = dict(zip(ids, found[mask > 0], strict=True))
-        hit = set().union(*(set(np.unique(agent.instances["lidar"])) for agent in frame.agents.values()))
-        (sensing,) = (
-            agent for agent in frame.agents.values() if agent.body.actor_id == min(found_ids(frame)) - OBJECT_NUMBER
-        )
-        lidar_m = sensing.body.world_SE3_base.apply([0, 0, sensing.body.height_m + 0.35])
-        expected = {}
-        for row, number in enumerate(frame.actors.id.tolist()):
-            corners = sensing.body.world_SE3_base.inverse().rotate(frame.actors.boxes.corners[row] - lidar_m)
-            inside = ((corners > LEAST_M) & (corners < MOST_M)).all()
-            if number in hit and frame.actors.label[row] <= ObjectClass.BUS and inside:
-                expected[OBJECT_NUMBER + number] = row
-        assert len(expected) > 5
-        assert set(expected) <= set(found)
-        for number, row in expected.items():
-            x, y, z, h, w, l, yaw = found[number]  # noqa: E741
-            yaw_rad = frame.actors.boxes.yaw[row] - sensing.body.world_SE3_base.yaw
-            place = sensing.body.world_SE3_base.inverse().rotate(frame.actors.boxes.center[row] - lidar_m)
-            np.testing.assert_allclose([x, y, z], mirror(place), atol=1e-3)
-            np.testing.assert_allclose([l, w, h], frame.actors.boxes.size[row], atol=1e-3)
-            assert np.cos(yaw + yaw_rad) == pytest.approx(1.0, abs=1e-6)
+def test_a_batch_counts_agents_through_its_samples() -> None:
+    two, one = make_sample(SMALL, [cloud(), cloud()], [HERE, THERE]), make_sample(SMALL, [cloud()], [HERE])
+    batch = collate([two, one])
+    assert batch["record_len"].tolist() == [2, 1]
+    assert np.unique(batch["processed_lidar"]["voxel_coords"][:, 0]).tolist() == [0, 1, 2]
+    assert batch["pairwise_t_matrix"].shape == (2, 5, 5, 4, 4) and batch["object_ids"] == [[], []]
 
 
-def found_ids(frame) -> list[int]:
-    """The numbers of the connected cars, of which the least is the ego."""
-    return [OBJECT_NUMBER + each.body.actor_id for each in frame.agents.values() if each.body.actor_id is not None]
+@pytest.mark.parametrize("wrong", [{"order": "wlh"}, {"most_agents": 0}, {"voxel_m": (0, 1, 1)}, {"range_m": (1, 2)}])
+def test_a_wrong_layout_is_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(coopsim.CoopsimError):
+        Layout(**wrong)
 
 
-@pytest.mark.parametrize("config", MODELS)
-def test_its_models_run_through(opencood, exported, config):
-    import torch
+SIMPLE = {"lidar": "VLP-16", "vehicles": 8, "pedestrians": 0, "max_cycles": 2}
 
-    hypes, dataset = _dataset(opencood, exported, config)
-    torch.manual_seed(0)
-    model = _model(hypes["model"]).eval()
-    batch = dataset.collate_batch_test([dataset[FRAMES - 1]])
-    with torch.no_grad():
-        raw = [model(content) for content in batch.values()]
-        _, _, truth = getattr(opencood["inference_utils"], MODELS[config])(batch, model, dataset)
-    for outputs in raw:
-        assert torch.isfinite(outputs["psm"]).all()
-        assert torch.isfinite(outputs["rm"]).all()
-    assert len(truth) > 5
+
+def test_a_loader_gives_batches_with_points_in_the_boxes() -> None:
+    frames = CooperativeFrames("crossing", (0, 1), **SIMPLE)
+    (first, *_), inside = list(DataLoader(frames, batch_size=2, collate_fn=join)), 0
+    assert first["object_bbx_mask"].sum() > 0 and first["record_len"].shape == (2,)
+    voxels = first["processed_lidar"]
+    own = voxels["voxel_features"][voxels["voxel_coords"][:, 0] == 0].reshape(-1, 4)[:, :3].numpy()
+    known = first["object_bbx_mask"][0].bool()
+    assert known.sum() == len(first["object_ids"][0])
+    for x, y, z, high, wide, long, yaw in first["object_bbx_center"][0][known].numpy():
+        turned = (own[:, :2] - [x, y]) @ [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+        over = np.abs(own[:, 2] - z) < high / 2
+        inside += int(((np.abs(turned) < [long / 2, wide / 2]).all(axis=1) & over).sum())
+    assert inside > 50
+
+
+def test_workers_share_the_episodes() -> None:
+    frames = CooperativeFrames("crossing", (0, 1), **SIMPLE)
+    alone = sum(1 for _ in frames)
+    assert sum(1 for _ in DataLoader(frames, batch_size=None, num_workers=2)) == alone
+
+
+@dataclass(kw_only=True, eq=False)
+class Middle(OpenCoodNetwork):
+    """Reports a box on the fullest voxel of the receiver, and remembers its batches."""
+
+    def __post_init__(self) -> None:
+        self.met: list[dict[str, Any]] = []
+        super().__post_init__()
+
+    def forward(self, batch: dict[str, Any]) -> tuple[torch.Tensor, torch.Tensor]:
+        self.met = [*self.met[-8:], batch]
+        row = torch.tensor([[8.0, 0, -1, 1.5, 1.9, 4.5, 0]])
+        return row[: int(len(batch["processed_lidar"]["voxel_coords"]) > 0)], torch.ones(1)[: len(row)]
+
+
+def test_a_network_gets_the_points_of_all_agents() -> None:
+    policy = Middle(hits=1)
+    result = coopsim.evaluate(policy, "crossing", seed=0, **SIMPLE)
+    assert max(int(batch["record_len"]) for batch in policy.met) > 1
+    assert set(policy.met[-1]) >= {"processed_lidar", "record_len", "pairwise_t_matrix"}
+    assert result.messages.rejected == 0 and result.score["bytes_per_s"] > 10_000
+
+
+def test_such_a_policy_conforms() -> None:
+    check_policy(Middle, lidar="VLP-16")
