@@ -21,7 +21,7 @@ class OpenCoodNetwork(AB3DMOTTracking):
     """A policy around a network that takes the points of all agents in one batch. Further: `AB3DMOTTracking`.
 
     Agents send their points, so bytes are those of early fusion, also where the network fuses features within. To
-    measure the bytes of features, split the network at its encoder, as `examples/23_bring_your_network.py` does.
+    measure the bytes of features, split the network at its encoder, as `examples/24_bring_your_network.py` does.
 
     Attributes:
         layout: choices of the network.

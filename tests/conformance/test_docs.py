@@ -52,7 +52,7 @@ EXAMPLES = (
     ("docs/learn/first_planner.md", "19_your_own_planner.py"),
     ("docs/learn/first_attack.md", "23_your_own_attack.py"),
     ("docs/learn/first_defense.md", "22_your_own_defense.py"),
-    ("docs/learn/bring_your_network.md", "23_bring_your_network.py"),
+    ("docs/learn/bring_your_network.md", "24_bring_your_network.py"),
     TRAINS,
 )
 """Pages that teach by an example; CI runs all examples."""

@@ -47,10 +47,10 @@ _TOGETHER = 10
 class Measured:
     """An episode, and the ranking behind each metric of a protocol.
 
-        Attributes:
-            perceived: the episode.
-                rankings: rankings by metric.
-                beside: rankings of the protocol that stands beside it, see `_BESIDE`; empty without one.
+    Attributes:
+        perceived: the episode.
+            rankings: rankings by metric.
+            beside: rankings of the protocol that stands beside it, see `_BESIDE`; empty without one.
     """
 
     perceived: Perceived
