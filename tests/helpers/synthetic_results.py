@@ -18,8 +18,9 @@ EFFECTS: Mapping[str, float] = {"good": 60.0, "middling": 50.0, "bad": 30.0}
 
 def result(cell: Cell, level: float, **values: Any) -> CellResult:
     """One result about `level` per cent, that falls by 20 with every second of latency."""
-    shared = stream(cell.seed, "traffic", str(cell.condition)).normal(scale=3.0)
-    own = stream(cell.seed, "own", cell.policy, str(cell.condition)).normal(scale=0.5)
+    condition = str(cell.condition).replace(", attacks=''", "")  # honest draws are those from before there were lies
+    shared = stream(cell.seed, "traffic", condition).normal(scale=3.0)
+    own = stream(cell.seed, "own", cell.policy, condition).normal(scale=0.5)
     value = level - 20 * cell.condition.latency_s + shared + own
     rewards = (
         np.full(cell.frames, value / 100) + stream(cell.seed, "frames", cell.policy).normal(size=cell.frames) * 0.02
