@@ -13,8 +13,8 @@
 | object_ids | list of B lists | ids of the objects |
 
 The first agent of a sample is the receiver, and boxes are in its frame: x forward, y left, z up, the origin
-`origin_z_m` above the ground, where LiDARs are. Names and shapes are those of OpenCOOD's documentation (Xu et al.,
-"OPV2V", ICRA 2022); its licence forbids to take code.
+`origin_z_m` above the ground, where LiDARs are. Names and shapes are those of OpenCOOD's batches (Xu et al.,
+"OPV2V", ICRA 2022), written anew: its licence forbids to take code.
 """
 
 from __future__ import annotations
