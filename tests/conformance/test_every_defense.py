@@ -174,9 +174,9 @@ def test_no_defense_but_the_oracle_learns_who_lies() -> None:
     for both in policies.values():
         for policy in both:
             policy.reset(env.agent_specs)
-    differing = set()
+    differing, lying = set(), []
     while env.agents:
-        assert {infos[agent]["attackers"] for agent in env.agents} == {("cav_1",)}
+        lying.append({infos[agent]["attackers"] for agent in env.agents})
         shuffled = {agent: {**info, "attackers": ("cav_2",)} for agent, info in infos.items()}
         for name, (told, misled) in policies.items():
             actions = told.act(observations, infos)
@@ -184,6 +184,8 @@ def test_no_defense_but_the_oracle_learns_who_lies() -> None:
             if any(told.trust(agent) != misled.trust(agent) for agent in env.agents):
                 differing.add(name)
         observations, _, _, _, infos = env.step(actions)
+    assert lying[0] == {()}, "before it has heard of a victim it is honest"
+    assert all(each == {("cav_1",)} for each in lying[1:])
     assert differing == {"oracle"}
     assert policies["oracle"][0].trust("cav_0")["cav_1"] == 0
 

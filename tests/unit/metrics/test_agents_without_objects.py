@@ -10,6 +10,7 @@ import pytest
 from test_clear import Frame, evaluate
 
 from coopsim.metrics.built_in import BUILT_IN, BYTES
+from coopsim.metrics.deception import DECEPTION
 from coopsim.metrics.driving import DRIVING
 from coopsim.metrics.finding import FINDING
 from coopsim.metrics.score import Score
@@ -22,6 +23,9 @@ COUNTS = {"IDS", "FRAG", "TP", "FP", "FN", "GT", "objects"}
 DEFINED = COUNTS | {BYTES}
 """The metrics that are defined without objects."""
 
+ELSEWHERE = {*DRIVING, *FINDING, *DECEPTION}
+"""The metrics of runs in which cars are driven, senders are judged, or agents lie."""
+
 
 def mean_of(*agents: list[Frame]) -> Score:
     return Score.mean({f"cav_{k}": evaluate(frames)[1] for k, frames in enumerate(agents)})
@@ -30,7 +34,7 @@ def mean_of(*agents: list[Frame]) -> Score:
 @pytest.mark.parametrize("lonely", [GHOSTS, SILENT])
 def test_an_agent_without_objects_stays_out_of_the_mean(lonely: list[Frame]) -> None:
     alone, both = mean_of(PERFECT), mean_of(PERFECT, lonely)
-    for name in set(BUILT_IN) - DEFINED - set(DRIVING) - set(FINDING):
+    for name in set(BUILT_IN) - DEFINED - ELSEWHERE:
         assert both[name] == alone[name], name
         assert math.isnan(both.agents["cav_1"][name]), name
     assert both.all_tracks["MOTA"] == 100 and math.isnan(both.agents["cav_1"].all_tracks["MOTA"])
@@ -42,7 +46,7 @@ def test_an_agent_without_objects_stays_out_of_the_mean(lonely: list[Frame]) -> 
 def test_without_any_object_nothing_is_defined_but_counts() -> None:
     score = mean_of(GHOSTS, SILENT)
     undefined = {name for name, value in score.values.items() if math.isnan(value)}
-    assert undefined == set(BUILT_IN) - DEFINED - set(DRIVING) - set(FINDING) and score["FP"] == 50
+    assert undefined == set(BUILT_IN) - DEFINED - ELSEWHERE and score["FP"] == 50
     row = score.table().splitlines()[2].split()
     assert row[:2] == ["all", "-"] and "nan" not in score.table()
     content = json.loads(json.dumps(score.to_dict(), allow_nan=False))
