@@ -74,7 +74,7 @@ class Opv2vFolder(StampedFolder):
         cars = tuple(name for name in cars if int(name) < EXTRA_NUMBER)
         return name_agents(cars, masts + more, drones)
 
-    def open(self, sequence: str) -> Opv2vSequence:
+    def _open(self, sequence: str) -> Opv2vSequence:
         scenario = self.scenario(sequence)
         return Opv2vSequence(sequence, self.agents(sequence), self.frame_s, scenario, self.options)
 

@@ -19,6 +19,9 @@ from coopsim.support.checks import require_between, require_choice, require_fram
 from coopsim.types import CameraCalibration, Ints, Sweep
 from coopsim.types.messages import AGENT_KINDS
 
+CAR = "car"
+"""Recorded name of the agent in a folder of one car."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedPicture:
@@ -264,7 +267,6 @@ class RecordedFolder(ABC):
             RecordingError: an agent's name is broken.
         """
 
-    @abstractmethod
     def open(self, sequence: str) -> RecordedSequence:
         """List the frames of a sequence.
 
@@ -272,6 +274,20 @@ class RecordedFolder(ABC):
             UnknownNameError: there is no such sequence.
             RecordingError: it has no frame, or its agents have different ones.
         """
+        require_choice("sequence", sequence, self.sequences, f"in {self.path}")
+        return self._open(sequence)
+
+    @abstractmethod
+    def _open(self, sequence: str) -> RecordedSequence:
+        """List the frames of a sequence that there is."""
+
+
+@dataclass(frozen=True)
+class SingleCarFolder(RecordedFolder):
+    """A folder with sequences of one car."""
+
+    def agents(self, sequence: str) -> Mapping[str, RecordedName]:
+        return name_agents((CAR,))
 
 
 def name_agents(

@@ -40,7 +40,6 @@ from coopsim.data.recordings.recorded_folder import (
 )
 from coopsim.errors import RecordingError
 from coopsim.geometry.se3 import SE3
-from coopsim.support.checks import require_choice
 from coopsim.types import Sweep
 
 HEIGHT_M = {"cav": 1.7, "rsu": 1.7}
@@ -103,8 +102,7 @@ class SpdFolder(RecordedFolder):
     def agents(self, sequence: str) -> Mapping[str, RecordedName]:
         return name_agents((CAR,), (MAST,))
 
-    def open(self, sequence: str) -> SpdSequence:
-        require_choice("sequence", sequence, self.sequences, f"in {self.path}")
+    def _open(self, sequence: str) -> SpdSequence:
         pairs = self.pairs[sequence]
         return SpdSequence(sequence, self.agents(sequence), self.frame_s, self.path, pairs, self.options)
 

@@ -44,7 +44,7 @@ class V2v4realFolder(StampedFolder):
     def agents(self, sequence: str) -> Mapping[str, RecordedName]:
         return name_agents(*self.scenarios[sequence].agents)
 
-    def open(self, sequence: str) -> V2v4realSequence:
+    def _open(self, sequence: str) -> V2v4realSequence:
         scenario = self.scenario(sequence)
         return V2v4realSequence(sequence, self.agents(sequence), self.frame_s, scenario, self.options)
 

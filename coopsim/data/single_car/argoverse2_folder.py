@@ -26,18 +26,16 @@ from coopsim.data.files.feather import read_feather
 from coopsim.data.recordings.file_fields import pose_of_quaternion
 from coopsim.data.recordings.labelled_rows import LabelledRows, base_under, class_named, sweep_in_base
 from coopsim.data.recordings.recorded_folder import (
+    CAR,
     RecordedAgent,
-    RecordedFolder,
     RecordedFrame,
-    RecordedName,
     RecordedObjects,
     RecordedSequence,
-    name_agents,
+    SingleCarFolder,
 )
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.geometry.boxes import covers
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.support.checks import require_choice
 from coopsim.types import Ints, Sweep
 
 AXLE_M = 0.33
@@ -46,7 +44,7 @@ AXLE_M = 0.33
 HEIGHT_M = {"cav": 1.97}
 """Usual height of the upper LiDAR over the ground; a log's calibration says it exactly."""
 
-LIDAR, CAR = "up_lidar", "car"
+LIDAR = "up_lidar"
 
 _FULL_INTENSITY = 255.0
 _POSE = ("qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m")
@@ -68,7 +66,7 @@ def find_logs(path: Path, deeper: int = _DEEPEST) -> Iterator[Path]:
 
 
 @dataclass(frozen=True)
-class Argoverse2Folder(RecordedFolder):
+class Argoverse2Folder(SingleCarFolder):
     """A folder of Argoverse 2."""
 
     usual_height_m = HEIGHT_M
@@ -82,11 +80,7 @@ class Argoverse2Folder(RecordedFolder):
     def sequences(self) -> tuple[str, ...]:
         return tuple(self.logs)
 
-    def agents(self, sequence: str) -> Mapping[str, RecordedName]:
-        return name_agents((CAR,))
-
-    def open(self, sequence: str) -> Argoverse2Sequence:
-        require_choice("sequence", sequence, self.sequences, f"in {self.path}")
+    def _open(self, sequence: str) -> Argoverse2Sequence:
         log = self.logs[sequence]
         stamps = [int(path.stem) for path in (log / "sensors" / "lidar").glob("*.feather") if path.stem.isdecimal()]
         if not stamps:

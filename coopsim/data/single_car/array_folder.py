@@ -38,22 +38,17 @@ from coopsim.data.recordings.recorded_folder import (
     IN_PICTURE,
     ReadingOptions,
     RecordedAgent,
-    RecordedFolder,
     RecordedFrame,
-    RecordedName,
     RecordedObjects,
     RecordedSequence,
-    name_agents,
+    SingleCarFolder,
 )
 from coopsim.errors import RecordingError
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.support.checks import require_choice
 from coopsim.types import Ints, Sweep, seconds_to_ns
 
 HEIGHT_M = {"cav": 1.8}
 """Usual height of a LiDAR on a car's roof."""
-
-CAR = "car"
 
 POINTS, LABELS = "points", "labels"
 """Folders of clouds and of text files with boxes."""
@@ -64,7 +59,7 @@ _OPTIONAL = ("ids", "fov_deg", "pose", "time_s")
 
 
 @dataclass(frozen=True)
-class ArrayFolder(RecordedFolder):
+class ArrayFolder(SingleCarFolder):
     """A folder of plain arrays."""
 
     usual_height_m = HEIGHT_M
@@ -87,11 +82,7 @@ class ArrayFolder(RecordedFolder):
     def sequences(self) -> tuple[str, ...]:
         return tuple(self.files)
 
-    def agents(self, sequence: str) -> Mapping[str, RecordedName]:
-        return name_agents((CAR,))
-
-    def open(self, sequence: str) -> ArraySequence:
-        require_choice("sequence", sequence, self.sequences, f"in {self.path}")
+    def _open(self, sequence: str) -> ArraySequence:
         files = self.files[sequence]
         return ArraySequence(sequence, self.agents(sequence), self.frame_s, files, self.options)
 

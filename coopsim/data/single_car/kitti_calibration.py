@@ -29,12 +29,19 @@ from coopsim.types import Sweep
 HEIGHT_M = {"cav": 1.73}
 """Height of KITTI's LiDAR over the ground."""
 
+CLOUDS = "velodyne"
+"""Name of the folder of clouds."""
+
 CAMERA = "image_02"
 """Name of the left colour camera."""
 
-CAR = "car"
-
 _USUAL_SIZE = 375, 1242  # of a picture, where there is none
+
+
+def root_of(path: Path) -> Path:
+    """Return the folder with the clouds: a given one, or `training` in it."""
+    inner = path / "training"
+    return inner if inner.is_dir() and not (path / CLOUDS).is_dir() else path
 
 
 @dataclass(frozen=True)

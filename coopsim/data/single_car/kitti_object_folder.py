@@ -13,7 +13,6 @@ KITTI tracking, only points in the picture are kept unless the option `points` i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,30 +21,28 @@ from coopsim.data.kitti import read_object_labels
 from coopsim.data.recordings.labelled_rows import UNRELATED_S, ids_of_frame
 from coopsim.data.recordings.recorded_folder import (
     IN_PICTURE,
-    RecordedFolder,
     RecordedFrame,
-    RecordedName,
     RecordedObjects,
     RecordedSequence,
-    name_agents,
+    SingleCarFolder,
 )
 from coopsim.data.single_car.kitti_calibration import (
-    CAR,
+    CLOUDS,
     HEIGHT_M,
     KittiFrame,
     frame_number,
     lifted,
     read_kitti_calibration,
+    root_of,
 )
 from coopsim.errors import RecordingError
-from coopsim.support.checks import require_choice
 from coopsim.types import seconds_to_ns
 
-LABELS, CLOUDS = "label_2", "velodyne"
+LABELS = "label_2"
 
 
 @dataclass(frozen=True)
-class KittiObjectFolder(RecordedFolder):
+class KittiObjectFolder(SingleCarFolder):
     """A folder of KITTI's object benchmark: `training`, or the one above."""
 
     usual_height_m = HEIGHT_M
@@ -55,18 +52,13 @@ class KittiObjectFolder(RecordedFolder):
     @cached_property
     def root(self) -> Path:
         """The folder with `velodyne` and `label_2`."""
-        inner = self.path / "training"
-        return inner if inner.is_dir() and not (self.path / CLOUDS).is_dir() else self.path
+        return root_of(self.path)
 
     @property
     def sequences(self) -> tuple[str, ...]:
         return (self.root.name or "training",)
 
-    def agents(self, sequence: str) -> Mapping[str, RecordedName]:
-        return name_agents((CAR,))
-
-    def open(self, sequence: str) -> KittiObjectSequence:
-        require_choice("sequence", sequence, self.sequences, f"in {self.path}")
+    def _open(self, sequence: str) -> KittiObjectSequence:
         clouds = [path for path in (self.root / CLOUDS).iterdir() if path.suffix == ".bin"]
         if not clouds:
             raise RecordingError(f"{self.root / CLOUDS} has no <frame>.bin")

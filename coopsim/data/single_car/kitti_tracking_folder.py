@@ -14,7 +14,6 @@ option `points` is "all". A frame whose cloud is missing has no points: the benc
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -25,26 +24,24 @@ from coopsim.data.kitti import read_labels
 from coopsim.data.recordings.labelled_rows import base_under
 from coopsim.data.recordings.recorded_folder import (
     IN_PICTURE,
-    RecordedFolder,
     RecordedFrame,
-    RecordedName,
     RecordedObjects,
     RecordedSequence,
-    name_agents,
+    SingleCarFolder,
 )
 from coopsim.data.single_car.kitti_calibration import (
     CAMERA,
-    CAR,
+    CLOUDS,
     HEIGHT_M,
     KittiCalibration,
     KittiFrame,
     frame_number,
     lifted,
     read_kitti_calibration,
+    root_of,
 )
 from coopsim.errors import RecordingError
 from coopsim.geometry.se3 import SE3, Floats
-from coopsim.support.checks import require_choice
 from coopsim.types import Ints, seconds_to_ns
 
 EARTH_M = 6378137.0
@@ -107,7 +104,7 @@ def _turn(roll: float, pitch: float, yaw: float) -> Floats:
 
 
 @dataclass(frozen=True)
-class KittiTrackingFolder(RecordedFolder):
+class KittiTrackingFolder(SingleCarFolder):
     """A folder of KITTI tracking: `training`, or the one above."""
 
     usual_height_m = HEIGHT_M
@@ -116,18 +113,13 @@ class KittiTrackingFolder(RecordedFolder):
     @cached_property
     def root(self) -> Path:
         """The folder with `velodyne` and `label_02`."""
-        inner = self.path / "training"
-        return inner if inner.is_dir() and not (self.path / "velodyne").is_dir() else self.path
+        return root_of(self.path)
 
     @cached_property
     def sequences(self) -> tuple[str, ...]:
-        return tuple(sorted(entry.name for entry in (self.root / "velodyne").iterdir() if entry.is_dir()))
+        return tuple(sorted(entry.name for entry in (self.root / CLOUDS).iterdir() if entry.is_dir()))
 
-    def agents(self, sequence: str) -> Mapping[str, RecordedName]:
-        return name_agents((CAR,))
-
-    def open(self, sequence: str) -> KittiTrackingSequence:
-        require_choice("sequence", sequence, self.sequences, f"in {self.path}")
+    def _open(self, sequence: str) -> KittiTrackingSequence:
         height_m = self.options.height_m("cav", HEIGHT_M)
         return KittiTrackingSequence(
             sequence,
@@ -158,7 +150,7 @@ class KittiTrackingSequence(RecordedSequence):
 
     @cached_property
     def frames(self) -> int:
-        clouds = self.root / "velodyne" / self.name
+        clouds = self.root / CLOUDS / self.name
         numbers = [frame_number(path) for path in clouds.iterdir() if path.suffix == ".bin"]
         if not numbers:
             raise RecordingError(f"{clouds} has no <frame>.bin")
@@ -167,7 +159,7 @@ class KittiTrackingSequence(RecordedSequence):
     def frame(self, number: int) -> RecordedFrame:
         world_SE3_lidar = self._poses[number] if self._poses is not None else lifted(self.height_m)
         stem = f"{number:06d}"
-        cloud, picture = (self.root / part / self.name / stem for part in ("velodyne", CAMERA))
+        cloud, picture = (self.root / part / self.name / stem for part in (CLOUDS, CAMERA))
         files = KittiFrame(self._calibration, cloud.with_suffix(".bin"), picture, self.in_picture)
         agent = files.agent(world_SE3_lidar, self.height_m)
         frame, every = self._labels

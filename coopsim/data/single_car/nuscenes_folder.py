@@ -13,7 +13,7 @@ The base frame is under the LiDAR, on the ground, along the car's heading. The w
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -25,32 +25,27 @@ from coopsim.data.recordings.file_fields import Fields
 from coopsim.data.recordings.labelled_rows import LabelledRows, base_under, class_of, sweep_in_base
 from coopsim.data.recordings.recorded_folder import (
     RecordedAgent,
-    RecordedFolder,
     RecordedFrame,
-    RecordedName,
     RecordedObjects,
     RecordedPicture,
     RecordedSequence,
+    SingleCarFolder,
     find_picture,
-    name_agents,
 )
 from coopsim.data.single_car.nuscenes_tables import LIDAR, NuscenesTables, find_tables, time_us
 from coopsim.errors import RecordingError
 from coopsim.geometry.se3 import SE3
-from coopsim.support.checks import require_choice
 from coopsim.types import Sweep
 
 HEIGHT_M = {"cav": 1.84}
 """Usual height of LIDAR_TOP over the ground; each scene's calibration says it exactly."""
-
-CAR = "car"
 
 _FULL_INTENSITY = 255.0
 _NS_PER_US = 1000
 
 
 @dataclass(frozen=True)
-class NuscenesFolder(RecordedFolder):
+class NuscenesFolder(SingleCarFolder):
     """A folder of nuScenes, or the folder of its tables."""
 
     usual_height_m = HEIGHT_M
@@ -69,11 +64,7 @@ class NuscenesFolder(RecordedFolder):
     def sequences(self) -> tuple[str, ...]:
         return tuple(self.tables.scenes)
 
-    def agents(self, sequence: str) -> Mapping[str, RecordedName]:
-        return name_agents((CAR,))
-
-    def open(self, sequence: str) -> NuscenesSequence:
-        require_choice("sequence", sequence, self.sequences, f"in {self.path}")
+    def _open(self, sequence: str) -> NuscenesSequence:
         samples = tuple(self.tables.samples(self.tables.scenes[sequence]))
         if not samples:
             raise RecordingError(f"{self.tables.path / 'sample.json'} has no sample of scene {sequence}")
