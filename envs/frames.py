@@ -15,7 +15,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.sensors.visibility import PixelVisibility, Visibility
 from coopsim.types import AgentSpec, CameraImage, GroundTruth, Ints, Observation, Tracks, stack_xyz_yaw
 from coopsim.types.driving import CarState, Command
-from coopsim.types.lies import Lie
+from coopsim.types.lies import Lie, lying_senders
 from coopsim.types.sensing import TRUTH_MODES
 from coopsim.wire.observation_format import ObservationFormat, pack_image
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
@@ -230,7 +230,7 @@ def with_lies(infos: dict[str, dict[str, Any]], lies: Sequence[Lie]) -> dict[str
     | `attackers` | names of all senders whose messages of this frame lie, sorted; empty: all are honest |
     | `lies` | a tuple of `coopsim.types.lies.Lie`, those of all agents; absent where there are none |
     """
-    attackers = tuple(sorted({sender for lie in lies for sender in lie.senders}))
+    attackers = tuple(sorted(lying_senders(lies)))
     told: dict[str, Any] = {"attackers": attackers} | ({"lies": tuple(lies)} if lies else {})
     return {name: {**info, **told} for name, info in infos.items()}
 

@@ -37,7 +37,7 @@ from coopsim.support.checks import require_choice
 from coopsim.support.rng import fresh_seed, require_seed
 from coopsim.types import NS_PER_S, AgentSpec, CameraImage, Tracks
 from coopsim.types.driving import CarState
-from coopsim.types.lies import Lie
+from coopsim.types.lies import Lie, lying_senders
 from coopsim.types.messages import MOST_STRANGERS
 from coopsim.viz.bev import BevFrame
 from coopsim.wire.actions import action_space, idle, unpack_actions
@@ -305,8 +305,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             trust: its trust by sender, see `Policy.trust`.
             passes: passes of the policy that its defence asked for.
         """
-        attackers = {sender for lie in self.lies for sender in lie.senders}
-        self._trusts.setdefault(agent, TrustLog()).append(trust, attackers, passes)
+        self._trusts.setdefault(agent, TrustLog()).append(trust, lying_senders(self.lies), passes)
 
     @property
     def drives(self) -> dict[str, DriveLog]:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from coopsim.envs.frames import AgentFrame
+from coopsim.geometry.boxes import in_region
 from coopsim.metrics.evaluator import Evaluator, FrameCounts
 from coopsim.types import Mask, Tracks
 
@@ -32,8 +31,4 @@ class Scorer:
 
     def _in_region(self, tracks: Tracks) -> Mask | None:
         """Return the mask (M,) of tracks inside the region; None: there is no limit."""
-        if self._region_m is None:
-            return None
-        x, y = np.abs(tracks.boxes.center[:, :2]).T
-        inside: Mask = (x <= self._region_m[0]) & (y <= self._region_m[1])
-        return inside
+        return None if self._region_m is None else in_region(tracks.boxes.center, self._region_m)

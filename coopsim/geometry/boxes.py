@@ -114,6 +114,12 @@ class Boxes3D:
             raise InvalidValueError(f"{what}: sizes must be > 0 m, got {self.size[row].tolist()} at {row}")
 
 
+def in_region(places_m: Floats, region_m: Floats | tuple[float, float]) -> NDArray[np.bool_]:
+    """Return the mask (N,) of places (N, 2 or more) within a region's half length and width, in its frame."""
+    inside: NDArray[np.bool_] = np.all(np.abs(places_m[:, :2]) <= region_m, axis=1)
+    return inside
+
+
 def covers(boxes: Boxes3D, point_m: Floats) -> NDArray[np.bool_]:
     """Return the mask (N,) of boxes that cover a point on the ground, one (2,) for all or one for each (N, 2)."""
     offset_m, beyond_m = boxes.center[:, :2] - point_m, boxes.size[:, 0] + boxes.size[:, 1]

@@ -6,11 +6,9 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from coopsim.metrics.deception_log import Deception, DeceptionLog
 from coopsim.metrics.log_pool import LogPool
-from coopsim.metrics.metric import Metric
+from coopsim.metrics.metric import Metric, mean_of_known
 
 
 @dataclass(frozen=True)
@@ -30,9 +28,7 @@ def _of_ghosts(of: Callable[[Deception], float]) -> Callable[[Sequence[Deception
     """Return the mean of a number over claimed objects, without those where it is NaN."""
 
     def mean(logs: Sequence[DeceptionLog]) -> float:
-        values = np.array([of(each) for log in logs for each in log.ghosts.values()])
-        known = values[~np.isnan(values)]
-        return float(known.mean()) if len(known) else math.nan
+        return mean_of_known(of(each) for log in logs for each in log.ghosts.values())
 
     return mean
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.boxes import Boxes3D, in_region
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.types import GroundTruth, Mask, Tracks
 from coopsim.types.lies import Lie
@@ -81,8 +81,7 @@ class DeceptionLog:
 def _inside(boxes: Boxes3D, region_m: Floats | None) -> Mask:
     if region_m is None:
         return np.ones(len(boxes), np.bool_)
-    inside: Mask = np.all(np.abs(boxes.center[:, :2]) <= region_m, axis=1)
-    return inside
+    return in_region(boxes.center, region_m)
 
 
 def _near(boxes: Boxes3D, others: Boxes3D) -> Mask:

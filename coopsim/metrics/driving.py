@@ -11,11 +11,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
-
 from coopsim.metrics.drive_events import LONGEST_S, PERSON, RIDER, VEHICLE, DriveEvents
 from coopsim.metrics.log_pool import LogPool
-from coopsim.metrics.metric import Metric
+from coopsim.metrics.metric import Metric, mean_of_known
 
 PENALTIES: Mapping[str, float] = {PERSON: 0.5, RIDER: 0.6, VEHICLE: 0.6, "": 0.6}
 """Factors of the driving score by who was hit: those of the CARLA leaderboard (1.0 and 2.0), which V2Xverse takes over.
@@ -33,11 +31,7 @@ class _DriveMetric(Metric):
     yes_no: bool = False
 
     def value(self, pool: LogPool) -> float | None:
-        if not pool.drives:
-            return None
-        values = np.array([self.of(events) for events in pool.drive_events])
-        known = values[~np.isnan(values)]
-        return float(known.mean()) if len(known) else math.nan
+        return mean_of_known(map(self.of, pool.drive_events)) if pool.drives else None
 
 
 def _rate(of: Callable[[DriveEvents], bool], meaning: str) -> _DriveMetric:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
+
+import numpy as np
 
 from coopsim.metrics.clear import RecallSweep
 from coopsim.metrics.log_pool import LogPool
@@ -73,6 +77,13 @@ class SweepMetric(Metric):
     @abstractmethod
     def of_sweep(self, sweep: RecallSweep) -> float:
         """Compute the value from CLEAR's counts at every level of recall."""
+
+
+def mean_of_known(values: Iterable[float]) -> float:
+    """Return the mean of the values that are not NaN; NaN without any."""
+    every = np.array(list(values), dtype=np.float64)
+    known = every[~np.isnan(every)]
+    return float(known.mean()) if len(known) else math.nan
 
 
 METRICS: Registry[type[Metric] | Metric] = Registry("metric", home="coopsim.metrics.built_in", group="coopsim.metrics")

@@ -13,7 +13,7 @@ from coopsim.defenses.defense import LEAST_TRUST, Claim, Defense, Reception, Tru
 from coopsim.defenses.guard import checked_trust
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
-from coopsim.testing.harness import SMALL, name_of, untouched
+from coopsim.testing.harness import SMALL, name_of, require_own_state, untouched
 from coopsim.types import Detections
 
 _FRAMES, _AGENT = 15, "cav_0"
@@ -45,12 +45,11 @@ def check_defense(
     assert make_defense(defense) is not made, f"{name} must make a new defense for each receiver"
     heard = _receptions()
     honest, hostile = [_agreeing(each) for each in heard], [_absurd(each, k) for k, each in enumerate(heard)]
-    for episode in (honest, hostile):
-        first, again = (_judged(make_defense(defense), name, episode) for _ in range(2))
-        assert first == again, f"{name} must return the same for the same episode"
-    later = make_defense(defense)
-    _judged(made, name, honest)
-    assert _judged(later, name, hostile) == first, f"{name} must share no state between two receivers or episodes"
+
+    def judge(defense: Defense, episode: Sequence[Reception]) -> _Answers:
+        return _judged(defense, name, episode)
+
+    require_own_state(lambda: make_defense(defense), judge, (honest, hostile), name, ("episode", "receivers"))
     if believes_honest:
         trust, _ = _judged(make_defense(defense), name, honest)[-1]
         doubted = {sender: round(value, 2) for sender, value in trust.items() if value < LEAST_TRUST}

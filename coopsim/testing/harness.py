@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -144,3 +144,30 @@ def _emptied(view: SensorView) -> SensorView:
         for name, image in view.images.items()
     }
     return replace(view, sweeps=dict.fromkeys(view.sweeps, Sweep.empty()), images=images)
+
+
+T = TypeVar("T")
+Case = TypeVar("Case")
+Answers = TypeVar("Answers")
+
+
+def require_own_state(
+    make: Callable[[], T], run: Callable[[T, Case], Answers], cases: Sequence[Case], name: str, words: tuple[str, str]
+) -> Answers:
+    """Require that new objects answer a case alike, whatever other objects did before. Return the last case's answers.
+
+    Args:
+        make: makes an object.
+        run: lets an object answer a case.
+        cases: two cases or more.
+        name: name of the part, for messages.
+        words: noun for a case, and for the users of objects, such as "drive" and "cars".
+    """
+    made, (case_word, users) = make(), words
+    for case in cases:
+        first, again = (run(make(), case) for _ in range(2))
+        assert first == again, f"{name} must return the same for the same {case_word}"
+    later = make()
+    run(made, cases[-2])
+    assert run(later, cases[-1]) == first, f"{name} must share no state between two {users} or episodes"
+    return first

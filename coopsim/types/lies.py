@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,3 +35,8 @@ class Lie:
     claimed: Boxes3D = field(default_factory=Boxes3D.empty)
     denied: Boxes3D = field(default_factory=Boxes3D.empty)
     against: str | None = None
+
+
+def lying_senders(lies: Iterable[Lie]) -> set[str]:
+    """Return the names that the messages of these lies bear."""
+    return {sender for lie in lies for sender in lie.senders}

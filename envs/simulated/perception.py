@@ -13,13 +13,13 @@ from coopsim.detection.oracle import OracleDetector, Oracles
 from coopsim.envs.frames import AgentFrame
 from coopsim.envs.options import PerceptionOptions
 from coopsim.errors import InvalidValueError
-from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.boxes import Boxes3D, in_region
 from coopsim.geometry.se3 import Floats, SE3Batch, wrap_angle
 from coopsim.localization.localizer import Localizer
 from coopsim.support.checks import require_choice
 from coopsim.support.kernels import njit
 from coopsim.support.rng import derived_seed, stream
-from coopsim.types import AgentSpec, CameraImage, Detections, GroundTruth, Ints, Mask, Observation, SensorView, Sweep
+from coopsim.types import AgentSpec, CameraImage, Detections, GroundTruth, Ints, Observation, SensorView, Sweep
 from coopsim.wire.observation_format import ObservationFormat
 from coopsim.world.snapshot import Actors, AgentBody
 
@@ -57,8 +57,8 @@ class GroundTruths:
         With `all_count` all objects in the region count, not only those that some agent has a return from.
         """
         around, boxes = self.oracles.actors, self.oracles.actors.boxes
-        in_region: Mask = np.all(np.abs(boxes.center[:, :2]) <= region_m, axis=1)
-        counts = in_region if all_count else in_region & (self.visible_to < 2)
+        inside = in_region(boxes.center, region_m)
+        counts = inside if all_count else inside & (self.visible_to < 2)
         truths, start = {}, self.oracles.start.tolist()
         for agent, begin, end in zip(self.oracles.agents, start, start[1:], strict=False):
             rows = slice(begin, end)
@@ -69,7 +69,7 @@ class GroundTruths:
                 self.visible_to[rows],
                 around.velocity[rows],
                 self.returns[rows],
-                in_region[rows],
+                inside[rows],
                 counts[rows],
             )
         return truths

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.errors import StoreError
+from coopsim.geometry.boxes import in_region
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.score import UNKNOWN
 from coopsim.support.files import make_folder, write_durably
@@ -99,8 +100,7 @@ class Perceived:
     @property
     def found_in_region(self) -> Mask:
         """Mask (N,) of the detections whose centre is in the region, as the truth's must be."""
-        inside: Mask = np.all(np.abs(self.found_box[:, :2]) <= self.region_m, axis=1)
-        return inside
+        return in_region(self.found_box, self.region_m)
 
     def within(self, far_m: float) -> Perceived:
         """Return the part within a distance of the receiver, by centres over ground.
