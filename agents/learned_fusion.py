@@ -17,7 +17,17 @@ from coopsim.comms.uplinks.share_features import ShareMaps
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.geometry.se3 import SE3
 from coopsim.support.checks import require_choice
-from coopsim.types import AgentSpec, BevGrid, Detections, FeatureMap, Message, Observation, SensorView, stack_xyz_yaw
+from coopsim.types import (
+    AgentSpec,
+    BevGrid,
+    Detections,
+    FeatureMap,
+    Message,
+    Observation,
+    PoseEstimate,
+    SensorView,
+    stack_xyz_yaw,
+)
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -30,6 +40,8 @@ if TYPE_CHECKING:
 
 DENSE, SPARSE = "features(number=int8)", "sparse_features(most_cells=20000, number=int8)"
 """Codecs: all cells, and as many of the surest ones as a budget has room for."""
+SURE, _MOST_DENSE = "sparse_features(most_cells=600, number=int8)", 16
+"""Codec of messages with more channels than so many a cell: with 64, 41 kB, where all cells are 1.2 MB."""
 
 _NEEDS = {
     "points": Needs(uplink="features", lidar=True),
@@ -75,6 +87,7 @@ class LearnedFusion(PerceivingPolicy):
         net = self.load_net(detector)
         space = int(digest(self.weights)[:8], 16)
         self._kinds, self._perceiver = KINDS, Perceiver(net, detector.config.cell_m, space, self._backend)
+        self._usual = SURE if net.message_channels > _MOST_DENSE and self.codec == DENSE else self.codec
         self._encoder = self.make_encoder(detector)
         self._flow = self.make_flow(net)
         # Without this policy in it: the uplink may outlive it, and what it holds itself must not keep it alive.
@@ -121,7 +134,7 @@ class LearnedFusion(PerceivingPolicy):
     def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:
         if self._uplink is None or spec.name in self._served:  # an episode begins
             thrifty = SPARSE if spec.codec is None else None
-            self._uplink = ShareMaps(self._encode, spec.codec or self.codec, thrifty, self.request_block)
+            self._uplink = ShareMaps(self._encode, spec.codec or self._usual, thrifty, self.request_block)
             self._served = set()
         self._served.add(spec.name)
         return self._uplink
@@ -153,6 +166,7 @@ class LearnedFusion(PerceivingPolicy):
                 self._sender_SE2_receiver(agent, observation, each),
                 each.delay_s(observation.time_ns),
                 self._kind(each.message.sender),
+                _error_of(observation.pose, each.message.pose),
             )
             for each in received
         ]
@@ -182,6 +196,15 @@ class LearnedFusion(PerceivingPolicy):
 
     def _kind(self, sender: str) -> int:
         return self._kinds.index(self.specs[sender].kind) if sender in self.specs else 0
+
+
+def _error_of(*poses: PoseEstimate) -> tuple[float, float]:
+    """Return the standard deviations of the place (m) and the heading (rad) between agents, by what they state."""
+    stated = [pose.covariance for pose in poses if pose.covariance is not None]
+    if not stated:
+        return 0.0, 0.0
+    variance = np.maximum(np.diagonal(np.sum(stated, axis=0)), 0.0)
+    return float(np.sqrt(variance[:2].mean())), float(np.sqrt(variance[2]))
 
 
 def _encoded(

@@ -9,6 +9,7 @@ moved to now, is to be the map that its sender makes now.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -20,7 +21,7 @@ from coopsim.learn.losses.head_losses import head_loss, heat_loss, sum_of
 from coopsim.learn.samples.flow_samples import FlowSample
 from coopsim.learn.samples.fused_samples import CooperativeSample, ReceiverView
 from coopsim.nn.cooperative.cooperative_net import CooperativeNet, FeatureFlow, moved_on
-from coopsim.nn.cooperative.warp import warp
+from coopsim.nn.cooperative.warp import placing, warp
 from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.pillars import PillarBatch
 from coopsim.nn.fusion import Foreground, FusionContext, as_batch
@@ -56,7 +57,12 @@ def message_losses(
 ) -> dict[str, Tensor]:
     """Return the losses of messages by themselves, by name; arguments: see `fused_features`."""
     return {
-        "sure": heat_loss(net.sure(features).float(), sample.seen.to(features.device), sample.objects),
+        "sure": heat_loss(
+            net.sure(features).float(),
+            sample.seen.to(features.device),
+            sample.objects,
+            sample.doubtful.to(features.device),
+        ),
         "copy": copy_loss(net, features.detach(), values),
     }
 
@@ -113,6 +119,9 @@ def fused_features(
     context = FusionContext(
         view.delay_s.to(own), view.kind.to(own.device), received[:, -1], own_sure[0, 0], view.own_kind
     )
+    if net.tells_errors:
+        error_m, range_m = placing(view.grid, view.source_SE2_target, [view.error] * len(others))
+        context = replace(context, error_m=error_m.to(own.device), range_m=range_m.to(own.device))
     fused, beliefs = net.with_beliefs(own[0], own_mask[0], received[:, :-1], mask, context)
     return as_batch(fused), beliefs
 

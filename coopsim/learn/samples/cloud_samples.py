@@ -39,6 +39,8 @@ class SampleSettings:
         dropout: probability that an agent does not take part in a merged or fused sample.
         late: share of fused samples with messages from earlier scenes.
         sparse: share of fused samples of which only the surest cells arrive.
+        clean: share of fused samples without errors of poses, late messages and missing cells; `noisy`, `late` and
+            `sparse` are shares of the others.
         receivers: most agents of a fused sample whose view is taught, drawn anew for each; None: every agent. The
             others send: a costly fusion is trained on as many scenes in less time.
         quickest: largest factor on the speed of clips of queries and integrated tracking, drawn anew for each use, with
@@ -57,6 +59,7 @@ class SampleSettings:
     dropout: float = 0.2
     late: float = 0.5
     sparse: float = 0.0
+    clean: float = 0.0
     receivers: int | None = None
     quickest: float = 1.0
 
@@ -70,7 +73,7 @@ class SampleSettings:
         require_between(1, 10, quickest=self.quickest)
         require_probability(
             merged=self.merged, thinned=self.thinned, single=self.single, mirrored=self.mirrored, noisy=self.noisy,
-            dropout=self.dropout, late=self.late, sparse=self.sparse,
+            dropout=self.dropout, late=self.late, sparse=self.sparse, clean=self.clean,
         )  # fmt: skip
 
 
@@ -137,7 +140,7 @@ def _sample(
     if rng.random() < settings.mirrored:
         mirror(points, boxes, velocity)
     grid = _part(boxes, rng, settings, cell_m)
-    left = _points_left(points, boxes, grid)
+    left = points_left(points, boxes, grid)
     label = scene.label[shown]
     targets = make_targets(
         boxes[left > 0], velocity[left > 0], label[left > 0], grid.coarser(STRIDE), (left < LEAST_POINTS)[left > 0],
@@ -150,7 +153,7 @@ LEAST_POINTS = 3
 """Points of the last sweep that an object of a sample must have to be taught; with fewer it counts neither way."""
 
 
-def _points_left(points: Points, boxes: Floats, grid: BevGrid) -> Ints:
+def points_left(points: Points, boxes: Floats, grid: BevGrid) -> Ints:
     """Return the number of points (N,) of the last sweep in each box, in the part of the map that a sample shows."""
     inside = (points[:, 0] >= grid.x_m[0]) & (points[:, 0] < grid.x_m[1]) & (points[:, 4] == 0)
     inside &= (points[:, 1] >= grid.y_m[0]) & (points[:, 1] < grid.y_m[1])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from torch import Tensor
 
 from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.clip import Clip
-from coopsim.learn.samples.cloud_samples import SampleSettings
+from coopsim.learn.samples.cloud_samples import LEAST_POINTS, SampleSettings, points_left
 from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, noisy, rotated, sweeps_of, thin
 from coopsim.learn.samples.targets import Targets, make_targets
 from coopsim.localization.odometry import Points
@@ -20,7 +20,7 @@ from coopsim.nn.cooperative.perceiver import KINDS
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.detector.pillars import PillarBatch, Pillars, collate, pillarize
 from coopsim.nn.inference.canvas import way_to_world_cells
-from coopsim.types import BevGrid
+from coopsim.types import BevGrid, Ints
 
 LATEST_S = 0.5
 """The longest delay of a message in a sample."""
@@ -46,6 +46,7 @@ class ReceiverView:
         targets: targets there of all objects that the receiver or a sender has seen. The receiver is among them where a
             sender has seen it: a network cannot know its agent, so a policy drops the boxes over it.
         merged: the points of all agents there, for a teacher, if any.
+        error: standard deviations of a sender's place (m) and heading (rad) in the receiver's frame, as agents state.
     """
 
     own: int
@@ -58,6 +59,7 @@ class ReceiverView:
     grid: BevGrid
     targets: Targets
     merged: PillarBatch | None = None
+    error: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,13 +69,15 @@ class CooperativeSample:
     Attributes:
         pillars: A clouds, each in its agent's compass frame, moved to the nearest corner of the world's cells.
         seen: (A, 9, h, w) heat of the objects that each cloud shows.
-        objects: number of these objects.
+        doubtful: (A, h, w) True near objects that hardly show, see `Targets.ignored`.
+        objects: number of the objects.
         grid: cells of all features.
         views: views of the receivers.
     """
 
     pillars: PillarBatch
     seen: Tensor
+    doubtful: Tensor
     objects: int
     grid: BevGrid
     views: tuple[ReceiverView, ...]
@@ -137,11 +141,15 @@ class SceneDraft:
         self.sweeps, self.taught = sweeps, taught
         self.pillar_grid = BevGrid(*2 * ((-settings.reach_m, settings.reach_m),), cell_m)
         self.grid = self.pillar_grid.coarser(STRIDE)
+        self.clean = settings.clean > 0 and rng.random() < settings.clean
+        if self.clean:
+            self.settings = settings = replace(settings, noisy=0.0, late=0.0, sparse=0.0)
         self.strength = rng.random() * float(rng.random() < settings.noisy)
         self.axes_rad = rng.uniform(-np.pi, np.pi)
         self.mirrored = rng.random() < settings.mirrored
         self.ages = {member: self.age() for member in members}
         self.rows: dict[tuple[int, int], int] = {}
+        self.left: list[dict[int, int]] = []
         self.clouds: list[Pillars] = []
         self.seen: list[Targets] = []
         self.frames: list[Floats] = []
@@ -160,6 +168,7 @@ class SceneDraft:
         return CooperativeSample(
             collate(self.clouds),
             torch.cat([targets.heat for targets in self.seen]),
+            torch.cat([targets.ignored for targets in self.seen]),
             sum(targets.objects for targets in self.seen),
             self.grid,
             views,
@@ -197,7 +206,9 @@ class SceneDraft:
         if self.mirrored:
             mirror(points, boxes, velocity)
         self.clouds.append(pillarize(points, self.pillar_grid))
-        self.seen.append(make_targets(boxes, velocity, scene.label[shown], self.grid))
+        left = points_left(points, boxes, self.pillar_grid)
+        self.left.append(dict(zip(scene.object_id[shown].tolist(), left.tolist(), strict=True)))
+        self.seen.append(_taught(boxes, velocity, scene.label[shown], left, self.grid))
         self.frames.append(frame)
         self.middles.append(place + way)
 
@@ -219,6 +230,7 @@ class SceneDraft:
             offsets.append(self._offset(own, others[-1]))
             before = self.clip.scenes[then]
             known |= np.isin(scene.object_id, before.object_id[before.returns[:, sender] > 0])
+        left = np.array([sum(self.left[row].get(each, 0) for row in (own, *others)) for each in scene.object_id[known]])
         boxes, velocity = boxes_in(scene.boxes[known], scene.velocity[known], self.frames[own])
         if self.mirrored:
             mirror(np.zeros((0, 5), np.float32), boxes, velocity)
@@ -227,7 +239,9 @@ class SceneDraft:
         return ReceiverView(
             own, tuple(others), np.array(offsets), torch.tensor(delays), torch.tensor(kinds),
             KINDS.index(scene.agents[member].kind), most, grid,
-            make_targets(boxes, velocity, scene.label[known], grid), self._merged(own, grid),
+            _taught(boxes, velocity, scene.label[known], left, grid), self._merged(own, grid),
+            (2**0.5 * self.strength * self.settings.noise_m,
+             2**0.5 * self.strength * float(np.deg2rad(self.settings.noise_deg))),
         )  # fmt: skip
 
     def _merged(self, own: int, grid: BevGrid) -> PillarBatch | None:
@@ -258,6 +272,12 @@ class SceneDraft:
             corner = np.clip(np.round(middle).astype(int) - size // 2, -low, low - size)
         start, end = corner * cell_m, (corner + size) * cell_m
         return BevGrid((start[0], end[0]), (start[1], end[1]), cell_m)
+
+
+def _taught(boxes: Floats, velocity: Floats, label: Ints, left: Ints, grid: BevGrid) -> Targets:
+    """Return the targets of objects by the points (N,) that are left of them: see `LEAST_POINTS`; of none, nothing."""
+    some = left > 0
+    return make_targets(boxes[some], velocity[some], label[some], grid, (left < LEAST_POINTS)[some])
 
 
 def merged_cloud(

@@ -46,7 +46,9 @@ class CooperativeTask(TrainingTask):
         super().__init__()
         self._settings = load(SampleSettings, recipe.samples, "samples")
         detector = load_detector(recipe.detector)
-        self.net = make_network("cooperative", {"features": detector.config.features, **recipe.network}, seed)
+        self.net = make_network(
+            "cooperative", {"features": detector.config.features, "head": detector.config.head, **recipe.network}, seed
+        )
         config = self.net.config
         if config.features != detector.config.features:
             raise InvalidValueError(f"network features must be the detector's {detector.config.features}")
@@ -77,7 +79,7 @@ class CooperativeTask(TrainingTask):
         return self._samples(clip, rng, self._settings, taught=self.teacher is not None)
 
     def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
-        settings = replace(self._settings, thinned=0.0, mirrored=0.0, dropout=0.0, receivers=None)
+        settings = replace(self._settings, thinned=0.0, mirrored=0.0, dropout=0.0, receivers=None, clean=1.0)
         return self._samples(clip, rng, settings, taught=False)
 
     def _samples(

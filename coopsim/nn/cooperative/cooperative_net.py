@@ -15,11 +15,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from coopsim.errors import InvalidValueError
-from coopsim.nn.detector.detector_net import RARE, CentreHead
-from coopsim.nn.detector.encoder import MOST_CHANNELS
+from coopsim.nn.detector.detector_net import RARE, make_head
+from coopsim.nn.detector.encoder import HEADS, MOST_CHANNELS
 from coopsim.nn.fusion import FUSIONS, FeatureFusion, Foreground, FusionContext, as_batch
 from coopsim.nn.fusion.feature_fusion import start_as_zeros
-from coopsim.support.checks import require_count
+from coopsim.support.checks import require_between, require_choice, require_count, require_flag
 from coopsim.types.taxonomy import CLASS_NAMES
 
 
@@ -33,6 +33,9 @@ class CooperativeConfig:
         message_channels: numbers a cell in a message.
         features: numbers a cell in the encoder's maps.
         flow: width of `FeatureFlow`; 0: there is none.
+        surest: factor on confidences that the fusion's logits begin with, see `FeatureFusion.choose_surest`; 0: none.
+        told_errors: the expansion is told each cell's distance from its sender and the error of its place.
+        head: kind of the head, see `make_head`; that of the detector.
 
     Raises:
         InvalidValueError: a count is not positive, or larger than any network's.
@@ -40,11 +43,17 @@ class CooperativeConfig:
 
     fusion: str = "attfuse"
     parameters: Mapping[str, object] = field(default_factory=dict)
-    message_channels: int = 16
+    message_channels: int = 64
     features: int = 64
     flow: int = 0
+    surest: float = 0.0
+    told_errors: bool = False
+    head: str = "centre"
 
     def __post_init__(self) -> None:
+        require_flag(told_errors=self.told_errors)
+        require_between(0, 100, surest=self.surest)
+        require_choice("head", self.head, HEADS)
         require_count(1, MOST_CHANNELS, message_channels=self.message_channels, features=self.features)
         require_count(0, MOST_CHANNELS, flow=self.flow)
 
@@ -59,7 +68,15 @@ class CooperativeNet(nn.Module):
 
     config: CooperativeConfig
 
-    def __init__(self, fusion: FeatureFusion, message_channels: int = 16, features: int = 64, flow: int = 0) -> None:
+    def __init__(
+        self,
+        fusion: FeatureFusion,
+        message_channels: int = 64,
+        features: int = 64,
+        flow: int = 0,
+        told_errors: bool = False,
+        head: str = "centre",
+    ) -> None:
         super().__init__()
         self.message_channels = message_channels
         self.flow = FeatureFlow(message_channels, flow) if flow else None
@@ -68,7 +85,9 @@ class CooperativeNet(nn.Module):
         )
         self.sure = nn.Conv2d(features, len(CLASS_NAMES), 1)
         nn.init.constant_(self.sure.bias, RARE)  # type: ignore[arg-type]
-        self.expand = Expand(message_channels, features)
+        self.expand = Expand(message_channels, features, told_errors)
+        if message_channels == features:
+            start_as_identity(self.compress[0], self.compress[2], self.expand.hidden, self.expand.mix)
         self.fusion = fusion
         self.neck = nn.Sequential(  # each channel over 6 m, then across channels: a third of the time of both at once
             nn.Conv2d(features, features, 5, padding=2, groups=features),
@@ -76,7 +95,7 @@ class CooperativeNet(nn.Module):
             nn.ReLU(inplace=True),
             nn.Conv2d(features, features, 1),
         )
-        self.head = CentreHead(features)
+        self.head = make_head(head, features)
         start_as_zeros(self.neck[-1])
 
     @classmethod
@@ -87,9 +106,16 @@ class CooperativeNet(nn.Module):
             UnknownNameError: no fusion has this name.
         """
         fusion = FUSIONS.get(config.fusion)(config.features, **config.parameters)
-        net = cls(fusion, config.message_channels, config.features, config.flow)
+        if config.surest:
+            fusion.choose_surest(config.surest)
+        net = cls(fusion, config.message_channels, config.features, config.flow, config.told_errors, config.head)
         net.config = config
         return net
+
+    @property
+    def tells_errors(self) -> bool:
+        """True where the expansion is told `FusionContext.error_m` and `range_m`."""
+        return self.expand.placed is not None
 
     def message(self, features: Tensor) -> tuple[Tensor, Tensor]:
         """Return the message of A agents' features (A, features, h, w): values (A, C, h, w) and confidences (A, h, w)
@@ -101,7 +127,7 @@ class CooperativeNet(nn.Module):
     def confidence(self, features: Tensor) -> Tensor:
         """Return the largest probability of any class, (A, h, w), of features (A, features, h, w)."""
         confidence: Tensor = self.sure(features).float().amax(1).sigmoid()
-        return confidence
+        return self.fusion.smoothed(confidence)
 
     def forward(self, own: Tensor, own_mask: Tensor, received: Tensor, mask: Tensor, context: FusionContext) -> Tensor:
         """Return fused features (features, H, W), for `.head`.
@@ -138,14 +164,26 @@ class CooperativeNet(nn.Module):
     ) -> tuple[Tensor, Tensor, Tensor, Tensor, FusionContext]:
         """Return the fusion's arguments: received maps expanded, in the fastest memory layout, the context complete."""
         own = own.permute(1, 2, 0).contiguous().permute(2, 0, 1)
-        others: Tensor = self.expand(received.contiguous(memory_format=torch.channels_last), context.delay_s)
+        others: Tensor = self.expand(
+            received.contiguous(memory_format=torch.channels_last), context.delay_s, context.error_m, context.range_m
+        )
         sure = context.own_confidence
         if sure is None and context.confidence is not None:
             sure = self.confidence(as_batch(own))[0]
         return own, own_mask, others, mask, replace(context, own_confidence=sure)
 
 
+def start_as_identity(*layers: nn.Module) -> None:
+    """Let layers of one cell begin as the identity, so that features, which are not negative, pass unchanged."""
+    for layer in layers:
+        assert isinstance(layer, nn.Conv2d | nn.Linear) and layer.bias is not None
+        with torch.no_grad():
+            layer.weight.copy_(torch.eye(*layer.weight.shape[:2]).view_as(layer.weight))
+            layer.bias.zero_()
+
+
 _SCALES_S = (0.1, 0.3, 1.0)
+_ERROR_SCALE_M, _RANGE_SCALE_M = 0.5, 50.0
 
 
 class Expand(nn.Module):
@@ -155,21 +193,35 @@ class Expand(nn.Module):
     the hidden layer and the gain of each feature are base + D s, where s = 1 - exp(-delay / (0.1, 0.3, 1 s)) is 0 for a
     message without delay and at most 1 for any, and D starts as zeros. Thanks to the hidden layer eight channels lose a
     head about as little as sixteen would without.
+
+    A network with `told_errors` knows of each cell e = 1 - exp(-error / 0.5 m) and r = 1 - exp(-range / 50 m), and adds
+    a product with (e, r), which starts as zeros, to the bias of the hidden layer and to the gain.
     """
 
-    def __init__(self, channels: int, features: int, hidden: int = 32) -> None:
+    def __init__(self, channels: int, features: int, told_errors: bool = False) -> None:
         super().__init__()
+        hidden = max(32, channels)
         self.spread = nn.Parameter(torch.zeros(channels, 1, 3, 3))
         self.hidden = nn.Linear(channels, hidden)
         self.mix = nn.Linear(hidden, features)
         self.delayed = nn.Linear(len(_SCALES_S), channels * 9 + hidden + features, bias=False)
+        self.placed = start_as_zeros(nn.Linear(2, hidden + 1, bias=False)) if told_errors else None
         self.register_buffer("scales_s", torch.tensor(_SCALES_S), persistent=False)
         nn.init.zeros_(self.delayed.weight)
         with torch.no_grad():
             self.spread[:, :, 1, 1] = 1.0
 
-    def forward(self, received: Tensor, delay_s: Tensor) -> Tensor:
-        """Expand (S, C, H, W), S >= 1, of delays (S,) to (S, features, H, W) >= 0."""
+    def forward(
+        self, received: Tensor, delay_s: Tensor, error_m: Tensor | None = None, range_m: Tensor | None = None
+    ) -> Tensor:
+        """Expand (S, C, H, W), S >= 1, of delays (S,) to (S, features, H, W) >= 0.
+
+        Args:
+            received: the messages.
+            delay_s: their ages.
+            error_m: (S, H, W) standard deviation of each cell's place; None: 0.
+            range_m: (S, H, W) distance of each cell from its sender; None: 0.
+        """
         channels, hidden, features = self.hidden.in_features, self.hidden.out_features, self.mix.out_features
         scales_s = self.get_buffer("scales_s")
         late = 1 - torch.exp(-delay_s.to(scales_s).clamp_min(0)[:, None] / scales_s)
@@ -177,7 +229,12 @@ class Expand(nn.Module):
         cells = self._spread(received, kernel)
         size = cells.shape[:3]
         within = torch.matmul(cells.flatten(1, 2), self.hidden.weight.T)
-        within = within.add_((self.hidden.bias + bias).to(within.dtype)).relu_()
+        within = within.add_((self.hidden.bias + bias).to(within.dtype))
+        if self.placed is not None and error_m is not None and range_m is not None:
+            away = torch.stack([error_m / _ERROR_SCALE_M, range_m / _RANGE_SCALE_M], -1).flatten(1, 2)
+            told = self.placed(1 - torch.exp(-away)).to(within.dtype)
+            within = (within + told[..., :-1]).relu() * (1 + told[..., -1:]).relu()
+        within = within.relu_()
         expanded = torch.bmm(within, self.mix.weight.T * (1 + gain))
         expanded = expanded.add_((self.mix.bias * (1 + gain)).to(expanded.dtype)).relu_()
         return expanded.view(*size, features).permute(0, 3, 1, 2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -12,7 +12,7 @@ from torch import Tensor
 from coopsim.errors import CodecError
 from coopsim.geometry.se3 import Floats
 from coopsim.nn.cooperative.cooperative_net import CooperativeNet, moved_on
-from coopsim.nn.cooperative.warp import warp
+from coopsim.nn.cooperative.warp import placing, warp
 from coopsim.nn.detector.decode import decode
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.fusion import FusionContext, as_batch
@@ -73,12 +73,14 @@ class PlacedMap:
         sender_SE2_receiver: (3,) x m, y m, yaw rad of the receiver's frame in the sender's.
         delay_s: its age.
         kind: index of the sender's kind in `KINDS`.
+        error: standard deviations of this place (m) and its heading (rad), as both agents state their errors.
     """
 
     map: ReceivedMap
     sender_SE2_receiver: Floats
     delay_s: float
     kind: int
+    error: tuple[float, float] = (0.0, 0.0)
 
 
 class Perceiver:
@@ -150,6 +152,10 @@ class Perceiver:
             delay_s = torch.tensor([each[0].delay_s for each in placed])
             kind = torch.tensor([each[0].kind for each in placed], dtype=torch.long)
             context = FusionContext(*self._backend.put((delay_s, kind)), values[:, -1], own_kind=own_kind)
+            if self._net.tells_errors:
+                poses = np.array([each[0].sender_SE2_receiver for each in placed])
+                told = self._backend.put(placing(region, poses, [each[0].error for each in placed]))
+                context = replace(context, error_m=told[0], range_m=told[1])
             fused: Tensor = self._net(inside[0], own_mask[0], values[:, : self._channels], mask, context)
         return fused
 

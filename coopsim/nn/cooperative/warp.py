@@ -71,6 +71,28 @@ def warp(
     return (warped, valid) if present is None else _mean_of_present(warped, valid)
 
 
+def placing(target: BevGrid, source_SE2_target: ArrayLike, error: ArrayLike) -> tuple[Tensor, Tensor]:
+    """Return how uncertain the place of each warped cell is and how far from its sender it lies, both (S, H, W) m.
+
+    An error of the heading moves a cell the more, the farther away it is: sqrt(e_m^2 + (e_rad r)^2) at the distance r.
+
+    Args:
+        target: the grid of the warped maps.
+        source_SE2_target: (S, 3) the receiver's frame in each sender's, as in `warp`.
+        error: (S, 2) standard deviations of the place (m) and the heading (rad) of one frame in the other.
+    """
+    poses = np.asarray(source_SE2_target, dtype=np.float64).reshape(-1, 3)
+    errors = np.asarray(error, dtype=np.float64).reshape(-1, 2)
+    rows, columns = target.shape
+    x = target.x_m[0] + (np.arange(columns) + 0.5) * target.cell_m
+    y = target.y_m[0] + (np.arange(rows) + 0.5) * target.cell_m
+    # The sender's place in the receiver's frame is -R^T t.
+    sender = np.array([-_rotation(yaw).T @ [dx, dy] for dx, dy, yaw in poses]).reshape(-1, 2)
+    range_m = np.hypot(x[None, None] - sender[:, 0, None, None], y[None, :, None] - sender[:, 1, None, None])
+    error_m = np.hypot(errors[:, 0, None, None], errors[:, 1, None, None] * range_m)
+    return torch.from_numpy(error_m).float(), torch.from_numpy(range_m).float()
+
+
 def _zeros_like(maps: Tensor, target: BevGrid) -> Tensor:
     """Return zeros (S, C, H, W) that lie in memory as `maps` do: copies between layouts cost more than a warp."""
     senders, channels = maps.shape[:2]

@@ -4,7 +4,6 @@ Perception with Vehicle-to-Vehicle Communication", ICRA 2022).
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor
 
 from coopsim.nn.fusion.feature_fusion import (
@@ -12,7 +11,6 @@ from coopsim.nn.fusion.feature_fusion import (
     FeatureFusion,
     FusionContext,
     likeness,
-    masked_softmax,
     weighted_sum,
 )
 
@@ -37,5 +35,5 @@ class AttFuse(FeatureFusion):
 
     def fuse(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, context: FusionContext) -> Tensor:
         """Fuse; see `FeatureFusion.forward`."""
-        weights = masked_softmax(likeness(own, others), torch.cat([own_mask[None], mask]))
+        weights = self.weights(likeness(own, others), own_mask, mask, context)
         return weighted_sum(own, others, weights)

@@ -64,7 +64,8 @@ class CoBEVT(FeatureFusion):
             tokens = block(tokens, valid)
         present = valid[..., None].to(tokens.dtype)
         mean = (tokens * present).sum(0) / present.sum(0).clamp_min(1)
-        weights = self.patches.weights(own, own_mask, others, mask, self.weigh(tokens))
+        logits = self.patches.logits(own, others, self.weigh(tokens))
+        weights = self.weights(logits, own_mask, mask, context)
         return self.patches.fuse(own, others, mask, weights, self.norm(mean))
 
 

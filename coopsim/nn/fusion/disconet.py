@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from coopsim.nn.attention import PairWeights
-from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext, masked_softmax, weighted_sum
+from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext, weighted_sum
 from coopsim.support.checks import require_choice, require_count
 
 _HIDDEN = {"small": (64, 16), "reference": (128, 32, 8)}
@@ -48,4 +48,4 @@ class DiscoNet(FeatureFusion):
         """Fuse; see `FeatureFusion.forward`."""
         cells = torch.cat([own.permute(1, 2, 0)[None], others.permute(0, 2, 3, 1)])
         logits = self.compare(cells)[..., 0]
-        return weighted_sum(own, others, masked_softmax(logits, torch.cat([own_mask[None], mask])))
+        return weighted_sum(own, others, self.weights(logits, own_mask, mask, context))

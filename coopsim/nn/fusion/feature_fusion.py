@@ -34,6 +34,8 @@ class FusionContext:
         confidence: (S, H, W) in [0, 1], warped like the maps; None: not known.
         own_confidence: (H, W) in [0, 1] of the receiver's own map; None: not known.
         own_kind: kind of the receiver.
+        error_m: (S, H, W) standard deviation of each cell's place, by both agents' stated errors; None: not known.
+        range_m: (S, H, W) distance of each cell from its sender; None: not known.
     """
 
     delay_s: Tensor
@@ -41,11 +43,23 @@ class FusionContext:
     confidence: Tensor | None = None
     own_confidence: Tensor | None = None
     own_kind: int = 0
+    error_m: Tensor | None = None
+    range_m: Tensor | None = None
 
     @classmethod
     def plain(cls, senders: int) -> FusionContext:
         """Return the context of cars whose maps are not late, without confidences."""
         return cls(torch.zeros(senders), torch.zeros(senders, dtype=torch.long))
+
+    def sure(self, masks: Tensor) -> Tensor:
+        """Return the confidences of all agents in the shape (1 + S, H, W) of their masks, the receiver's first.
+
+        They are zeros where they are not known.
+        """
+        sure = torch.zeros(masks.shape, device=masks.device)
+        if self.confidence is not None and self.own_confidence is not None:
+            sure[0], sure[1:] = self.own_confidence, self.confidence
+        return sure
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +81,31 @@ class FeatureFusion(nn.Module, ABC):
     """A fusion of feature maps on one grid, cell (row, column) being the same place in all of them. Override `fuse`.
 
     A constructor takes the number of channels first, and parameters by keyword, which recipes and weights name.
+
+    Attributes:
+        surest: () factor on confidences that `weights` adds to the logits of agents; None: nothing is added.
     """
+
+    surest: nn.Parameter | None
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.register_parameter("surest", None)
+
+    def choose_surest(self, factor: float) -> None:
+        """Let `weights` begin as a choice of the surest agent of each cell, with this factor on confidences."""
+        self.surest = nn.Parameter(torch.tensor(float(factor)))
+
+    def weights(self, logits: Tensor, own_mask: Tensor, mask: Tensor, context: FusionContext) -> Tensor:
+        """Return weights of agents (1 + S, H, W) that add to 1 over the valid ones, by logits (1 + S, H, W)."""
+        masks = torch.cat([own_mask[None], mask])
+        if self.surest is not None:
+            logits = logits.float() + self.surest * context.sure(masks)
+        return masked_softmax(logits, masks)
+
+    def smoothed(self, confidence: Tensor) -> Tensor:
+        """Return the confidences (A, h, w) by which cells are chosen and sent; by default as they are."""
+        return confidence
 
     def forward(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, context: FusionContext) -> Tensor:
         """Fuse the receiver's own map with S others, S >= 0.
@@ -177,12 +215,9 @@ class Patches(nn.Module):
         valid = functional.max_pool2d(self._padded(torch.cat([own_mask[None], mask]).to(own.dtype)), self._stride) > 0
         return cut.permute(0, 2, 3, 1).contiguous(), valid
 
-    def weights(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, logits: Tensor) -> Tensor:
-        """Return w_j (L, H, W) of each agent in each cell, with logits l_j (L, h, w, stride * stride) of the cells of
-        each token.
-        """
-        among = self._to_cells(logits, own.shape[-2:])[..., 0]
-        return masked_softmax(likeness(own, others) + among, torch.cat([own_mask[None], mask]))
+    def logits(self, own: Tensor, others: Tensor, logits: Tensor) -> Tensor:
+        """Return the logits of w_j (L, H, W), with l_j (L, h, w, stride * stride) of the cells of each token."""
+        return likeness(own, others) + self._to_cells(logits, own.shape[-2:])[..., 0]
 
     def pooled(self, weights: Tensor) -> Tensor:
         """Return the means of weights (L, H, W) over patches, (L, h, w), adding to 1 where anyone is valid."""

@@ -73,7 +73,8 @@ class V2XViT(FeatureFusion):
         kinds = [context.own_kind, *context.kind.long().tolist()]
         for block in self.blocks[:-1]:
             tokens = block(tokens, valid, kinds)
-        weights = self.patches.weights(own, own_mask, others, mask, self.weigh(tokens))
+        logits = self.patches.logits(own, others, self.weigh(tokens))
+        weights = self.weights(logits, own_mask, mask, context)
         found = self.blocks[-1](tokens, valid, kinds, receivers=1)
         return self.patches.fuse(own, others, mask, weights, self.norm(found[0]))
 

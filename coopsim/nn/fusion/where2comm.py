@@ -7,6 +7,8 @@ and what receivers ask for is `coopsim.fusion.request_maps`.
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -16,10 +18,9 @@ from coopsim.nn.fusion.feature_fusion import (
     FeatureFusion,
     FusionContext,
     as_batch,
-    masked_softmax,
     weighted_sum,
 )
-from coopsim.support.checks import require_count
+from coopsim.support.checks import require_between, require_count
 
 
 @FUSIONS.register("where2comm")
@@ -37,16 +38,19 @@ class Where2comm(FeatureFusion):
     Args:
         features: number of channels.
         depth: d, length of queries and keys.
+        smooth_cells: standard deviation of the Gaussian that smooths confidences, in cells; the published code has 1,
+            over 5 x 5 cells. 0: they are not smoothed.
 
     Raises:
-        InvalidValueError: a count is not positive.
+        InvalidValueError: a count is not positive, or the Gaussian wider than 8 cells.
     """
 
-    def __init__(self, features: int = 64, *, depth: int = 32) -> None:
+    def __init__(self, features: int = 64, *, depth: int = 32, smooth_cells: float = 0.0) -> None:
         super().__init__()
         require_count(1, features=features)
         require_count(1, 1024, depth=depth)
-        self.depth = depth
+        require_between(0, 8, smooth_cells=smooth_cells)
+        self.depth, self.smooth_cells = depth, smooth_cells
         self.query = nn.Conv2d(features, depth, 1)
         self.key = nn.Conv2d(features, depth, 1, bias=False)
         self.trust = nn.Parameter(torch.ones(()))
@@ -56,13 +60,16 @@ class Where2comm(FeatureFusion):
         alone = as_batch(own)
         asked = self.query(alone)
         likeness = torch.cat([(asked * self.key(alone)).sum(1), (asked * self.key(others)).sum(1)])
-        logits = likeness.float() / self.depth**0.5 + functional.softplus(self.trust) * _sure(others, context)
-        return weighted_sum(own, others, masked_softmax(logits, torch.cat([own_mask[None], mask])))
+        logits = likeness.float() / self.depth**0.5
+        logits = logits + functional.softplus(self.trust) * context.sure(logits)
+        return weighted_sum(own, others, self.weights(logits, own_mask, mask, context))
 
-
-def _sure(others: Tensor, context: FusionContext) -> Tensor:
-    """Return the confidences (1 + S, H, W) of all agents, the receiver's first."""
-    sure = torch.zeros((len(others) + 1, *others.shape[-2:]), device=others.device)
-    if context.confidence is not None and context.own_confidence is not None:
-        sure[0], sure[1:] = context.own_confidence, context.confidence
-    return sure
+    def smoothed(self, confidence: Tensor) -> Tensor:
+        """Return confidences (A, h, w) after a Gaussian of `smooth_cells` (section 4.2)."""
+        if not self.smooth_cells:
+            return confidence
+        reach = math.ceil(2 * self.smooth_cells)
+        away = torch.arange(-reach, reach + 1, device=confidence.device, dtype=confidence.dtype)
+        kernel = torch.exp(-0.5 * (away / self.smooth_cells) ** 2)
+        kernel = torch.outer(kernel, kernel)[None, None] / kernel.sum() ** 2
+        return functional.conv2d(confidence[:, None], kernel, padding=reach)[:, 0]

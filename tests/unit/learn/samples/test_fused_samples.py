@@ -132,3 +132,32 @@ def test_every_agent_may_be_the_receiver_that_is_taught() -> None:
     settings, rng = SampleSettings(**PLAIN, receivers=1), np.random.default_rng(0)
     samples = [sample for _ in range(5) for sample in scene_samples(replace(made, scenes=scenes), rng, settings)]
     assert {view.own_kind for sample in samples for view in sample.views} == {0, 1, 2}
+
+
+def test_clean_samples_have_no_errors_nothing_late_and_all_cells() -> None:
+    settings = SampleSettings(noise_m=3.0, noise_deg=3.0, late=1.0, sparse=1.0, dropout=0.0, thinned=0.0, clean=1.0)
+    for sample in scene_samples(clip(3, dt_s=0.2), np.random.default_rng(0), settings):
+        for view in sample.views:
+            assert hit(sample, view) == 1 and view.error == (0.0, 0.0)
+            assert not view.delay_s.any() and view.most_cells is None
+
+
+def test_views_state_the_errors_that_poses_were_drawn_with() -> None:
+    settings = SampleSettings(noise_m=1.0, noise_deg=2.0, noisy=1.0, dropout=0.0)
+    told = [view.error for each in scene_samples(clip(4), np.random.default_rng(0), settings) for view in each.views]
+    assert all(0 < metres < 2**0.5 and np.isclose(turn, metres * np.deg2rad(2.0)) for metres, turn in told)
+
+
+def with_points(count: int):
+    """Return a sample of two agents that keep this many points each."""
+    made = clip(1, agents=2)
+    agents = tuple(replace(agent, points=agent.points[:count]) for agent in made.scenes[0].agents)
+    scenes = (replace(made.scenes[0], agents=agents),)
+    return scene_samples(replace(made, scenes=scenes), np.random.default_rng(0), SampleSettings(**PLAIN))[0]
+
+
+def test_objects_without_points_left_are_not_taught_and_those_with_few_count_neither_way() -> None:
+    few, enough = with_points(1), with_points(12)  # an object has 12 points for each agent that sees it
+    assert few.objects == 0 and few.doubtful.any() and all(view.targets.objects == 0 for view in few.views)
+    assert enough.objects == 2 and not enough.doubtful.any()
+    assert all(0 < view.targets.objects <= 2 for view in enough.views)

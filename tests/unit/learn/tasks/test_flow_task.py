@@ -23,7 +23,7 @@ from coopsim.nn.cooperative.cooperative_net import FeatureFlow  # noqa: E402
 from coopsim.types import BevGrid  # noqa: E402
 
 torch.set_num_threads(1)
-NETWORK = {"fusion": "ff_tracking", "message_channels": 8, "flow": 8}
+NETWORK = {"fusion": "ff_tracking", "message_channels": 4, "flow": 8}
 SAMPLES = {"dropout": 0.0, "late": 1.0, "thinned": 0.0, "reach_m": 57.6}
 PILLARS = str(weights_folder() / "pillars.safetensors")
 CLIP = clip_of_moving_agents(4, step_m=3.0)

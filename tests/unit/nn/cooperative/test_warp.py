@@ -10,7 +10,7 @@ import pytest
 torch = pytest.importorskip("torch")
 from coopsim.errors import InvalidValueError  # noqa: E402
 from coopsim.nn.cooperative import warp as module  # noqa: E402
-from coopsim.nn.cooperative.warp import warp  # noqa: E402
+from coopsim.nn.cooperative.warp import placing, warp  # noqa: E402
 from coopsim.types import BevGrid  # noqa: E402
 
 torch.set_num_threads(1)
@@ -145,3 +145,10 @@ def test_the_layout_in_memory_is_kept_and_without_effect(yaw: float) -> None:
     values, _ = warp(last, SOURCE, TARGET, poses)
     assert values.is_contiguous(memory_format=torch.channels_last)
     assert torch.allclose(values, warp(image, SOURCE, TARGET, poses)[0], atol=1e-6)
+
+
+def test_cells_are_as_far_from_their_sender_and_as_wrongly_placed_as_its_heading_moves_them() -> None:
+    pose, turn = (5.0, -3.0, 0.4), 0.02
+    error_m, range_m = placing(TARGET, [pose], [(0.3, turn)])
+    np.testing.assert_allclose(range_m[0], np.hypot(*moved(TARGET, pose)), rtol=1e-5)
+    np.testing.assert_allclose(error_m[0], np.hypot(0.3, turn * np.hypot(*moved(TARGET, pose))), rtol=1e-5)

@@ -6,7 +6,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 from coopsim.nn.fusion import AttFuse, FusionContext  # noqa: E402
-from coopsim.nn.fusion.feature_fusion import Patches  # noqa: E402
+from coopsim.nn.fusion.feature_fusion import Patches, masked_softmax  # noqa: E402
 
 torch.set_num_threads(1)
 SIZE = (7, 13)
@@ -19,6 +19,11 @@ def draw(*shape: int, seed: int = 0) -> torch.Tensor:
 def inputs() -> tuple[torch.Tensor, ...]:
     own_mask = draw(*SIZE, seed=1) < 0.8
     return draw(4, *SIZE) * own_mask, own_mask, draw(2, 4, *SIZE, seed=2), draw(2, *SIZE, seed=3) < 0.6
+
+
+def weights_of(patches: Patches, maps: tuple[torch.Tensor, ...], logits: torch.Tensor) -> torch.Tensor:
+    own, own_mask, others, mask = maps
+    return masked_softmax(patches.logits(own, others, logits), torch.cat([own_mask[None], mask]))
 
 
 @pytest.mark.parametrize(("stride", "multiple", "shape"), [(1, 1, (7, 13)), (2, 4, (4, 8)), (3, 1, (3, 5))])
@@ -49,7 +54,7 @@ def test_each_cell_of_a_patch_has_its_own_part_of_the_token() -> None:
 def test_fusions_on_patches_start_as_attfuse() -> None:
     maps = inputs()
     patches = Patches(4, 6, 2)
-    weights = patches.weights(*maps, torch.zeros(3, 4, 7, 4))
+    weights = weights_of(patches, maps, torch.zeros(3, 4, 7, 4))
     out = patches.fuse(maps[0], maps[2], maps[3], weights, draw(4, 7, 6))
     assert torch.allclose(out, AttFuse(4)(*maps, FusionContext.plain(2)), atol=1e-6)
 
@@ -57,5 +62,5 @@ def test_fusions_on_patches_start_as_attfuse() -> None:
 def test_pooled_weights_add_to_one_where_anyone_is_valid() -> None:
     patches, maps = Patches(4, 6, 2, 4), inputs()
     _, valid = patches.tokens(*maps)
-    total = patches.pooled(patches.weights(*maps, draw(3, 4, 8, 4))).sum(0)
+    total = patches.pooled(weights_of(patches, maps, draw(3, 4, 8, 4))).sum(0)
     assert torch.allclose(total, valid.any(0).float(), atol=1e-5)
