@@ -38,7 +38,7 @@ def _add_train(parser: argparse.ArgumentParser) -> None:
     add("--out", type=Path, required=True, metavar="DIR", help="for checkpoint, weights, card, log and curves")
     add("--seed", type=count_or_zero, default=0, help="of first weights and samples (default: %(default)s)")
     add("--steps", type=count, help="of the optimizer (default: the recipe's)")
-    add("--workers", type=count_or_zero, default=1, help="processes that make clips ahead (default: %(default)s)")
+    add("--workers", type=count_or_zero, default=1, help="processes that make batches ahead (default: %(default)s)")
     add("--cache", type=Path, metavar="DIR", help="of clips: those in it are read, others are made and stored")
     add_device(parser, default="auto")
     add("--json", type=Path, metavar="PATH", help="write the card of the weights here as well")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import importlib
 import json
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from coopsim.learn.loop.train_loop import TrainingProgress, TrainLoop, Validate
 from coopsim.learn.loop.training_log import CARD, make_card, read_log, write_curves
 from coopsim.learn.loop.validation import HeldOut
 from coopsim.learn.recipe import KINDS, TrainingRecipe, find_recipe
+from coopsim.learn.samples.batches_ahead import BatchesAhead
 from coopsim.learn.samples.sample_order import SampleOrder
 from coopsim.learn.tasks.training_task import TrainingTask
 from coopsim.learn.weights import SUFFIX, digest, save_weights
@@ -51,7 +53,7 @@ def train(
         source: clips to train on; None: the simulator, in the recipe's world, or the recordings that it names.
         device: "cpu", "cuda", "cuda:1", ...; "auto": a GPU if there is one.
         cache: folder of clips: those in it are read, others are made and stored.
-        workers: processes that make clips ahead; 0: made in between.
+        workers: processes that make batches ahead; 0: made in between.
         validate: returns values of held-out places by name, every `validate_every` steps of the recipe.
         show: called after each step.
 
@@ -70,8 +72,7 @@ def train(
         with locked(folder):
             place = find_device(device)
             task = make_task(recipe, seed).to(place)
-            with _clips(task, recipe, seed, source, cache, workers) as clips:
-                order = SampleOrder(clips, task.cut, seed, recipe.batch, recipe.block, recipe.passes)
+            with _batches(task, recipe, seed, source, cache, workers) as order:
                 run = {"recipe": recipe.as_data(), "seed": seed}
                 validate = validate or _held_out(task, recipe, source, cache, place)
                 loop = TrainLoop(task, recipe, order, place, folder, run, validate, show)
@@ -89,9 +90,10 @@ def make_task(recipe: TrainingRecipe, seed: int) -> TrainingTask:
     return task
 
 
-def _clips(
+def _batches(
     task: TrainingTask, recipe: TrainingRecipe, seed: int, source: ClipSource | None, cache: Path | None, workers: int
-) -> AbstractContextManager[ClipSource]:
+) -> AbstractContextManager[SampleOrder | BatchesAhead]:
+    """Return the batches of a training, made by other processes as far as they can do it."""
     if source is None and "picture" in recipe.kind and not recipe.world.get("cameras"):
         raise InvalidValueError(
             f"world.cameras must name rigs with kind: {recipe.kind}, as {{surround: 1}}: without cameras there are no "
@@ -99,7 +101,36 @@ def _clips(
         )
     own = source or task.source(seed)
     clips = own or clips_of_recipe(recipe, seed, cache)
-    return nullcontext(clips) if own or not workers else ClipsAhead(clips, workers, recipe.block)
+    if own or not workers:
+        return nullcontext(_order(task, recipe, seed, clips))
+    if task.cuts_apart:
+        return BatchesAhead(RecipeOrder(recipe, seed, clips), recipe.block, workers)
+    return _clips_ahead(task, recipe, seed, clips, workers)
+
+
+@contextmanager
+def _clips_ahead(
+    task: TrainingTask, recipe: TrainingRecipe, seed: int, clips: ClipSource, workers: int
+) -> Iterator[SampleOrder]:
+    with ClipsAhead(clips, workers, recipe.block) as ahead:
+        yield _order(task, recipe, seed, ahead)
+
+
+@dataclass(frozen=True)
+class RecipeOrder:
+    """A maker of the order of a recipe's samples, in another process."""
+
+    recipe: TrainingRecipe
+    seed: int
+    clips: ClipSource
+
+    def order(self) -> SampleOrder:
+        """Return the order."""
+        return _order(make_task(self.recipe, self.seed), self.recipe, self.seed, self.clips)
+
+
+def _order(task: TrainingTask, recipe: TrainingRecipe, seed: int, clips: ClipSource) -> SampleOrder:
+    return SampleOrder(clips, task.cut, seed, recipe.batch, recipe.block, recipe.passes, task.collate)
 
 
 def _held_out(

@@ -1,8 +1,8 @@
-"""Clips made ahead by other processes while the caller trains.
+"""Clips, or whole batches, made ahead by other processes while the caller trains.
 
-A worker reads the source and its share of the indices from its standard input, and writes clips to its standard output,
-each as its length in eight bytes and its pickle. A pipe holds little, so a worker is never further ahead than its
-reader lets it.
+A worker reads what it makes and its share of the numbers from its standard input, and writes what is made to its
+standard output, see `coopsim.learn.clips.pipe`. A pipe holds little, so a worker is never further ahead than its reader
+lets it.
 """
 
 from __future__ import annotations
@@ -11,33 +11,112 @@ import contextlib
 import os
 import pickle
 import queue
-import struct
-import subprocess
 import sys
 import threading
+import time
 import traceback
 import weakref
-from collections.abc import Iterator
-from typing import IO, BinaryIO, Self
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, BinaryIO, Protocol, Self
 
 from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.learn.clips.clip import Clip, ClipSource
+from coopsim.learn.clips.pipe import receive, send
 from coopsim.support.checks import require_count
 from coopsim.support.processes import cause_of_end, start_python
 from coopsim.support.threads import limit_threads
 
-_PROGRAM = "from coopsim.learn.clips.ahead import serve; serve()"
-_LENGTH = struct.Struct("<Q")
+_PATIENCE_S = 0.2
+"""Time after which a thread that waits for its reader looks whether the worker is to end."""
 
-Made = Clip | CoopsimError | str
-"""A clip; or why there is none and no later one: coopsim's own error, or the traceback of another."""
+_PROGRAM = "from coopsim.learn.clips.ahead import serve; serve()"
+
+
+class Maker(Protocol):
+    """What workers make: a picklable object, whose class can be imported."""
+
+    def make(self, first: int, stride: int) -> Iterator[Any]:
+        """Yield without end what has the numbers first, first + stride, and so on."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """The reason why a worker makes no more: coopsim's own error, or the traceback of another."""
+
+    reason: CoopsimError | str
+
+    def error(self, what: str) -> CoopsimError:
+        """Return the error to raise where `what` was asked for."""
+        return self.reason if isinstance(self.reason, CoopsimError) else CoopsimError(f"{what} failed:\n{self.reason}")
+
+
+@dataclass(frozen=True)
+class ClipMaker:
+    """A maker of the clips of a source."""
+
+    source: ClipSource
+
+    def make(self, first: int, stride: int) -> Iterator[Clip]:
+        while True:
+            yield self.source.clip(first)
+            first += stride
+
+
+class Workers:
+    """Worker processes, each of which makes its share of the numbers from one on.
+
+    They end with this process, however that ends: they find no reader for what they make next. Close them, or use them
+    in a `with` statement, to end them at once.
+
+    Args:
+        maker: makes what is asked for.
+        count: number of processes.
+        ahead: how many finished things each worker keeps ready, besides the one that it is making; 0: as many as there
+            are up to one that `ends` is true for.
+        ends: tells the last thing of a group.
+    """
+
+    def __init__(self, maker: Maker, count: int, ahead: int, ends: Callable[[Any], bool] = lambda made: False) -> None:
+        self._maker, self._count, self._ahead, self._ends, self._first = maker, count, ahead, ends, 0
+        self._workers: list[_Worker] = []
+        weakref.finalize(self, _end_all, self._workers)  # also when the interpreter exits
+
+    def start(self, first: int) -> None:
+        """Begin with this number; what was made before is lost.
+
+        Raises:
+            InvalidValueError: the maker cannot be pickled.
+        """
+        self.close()
+        self._first = first
+        try:
+            for k in range(self._count):
+                self._workers.append(_Worker(self._maker, first + k, self._count, self._ahead, self._ends))
+        except BaseException:
+            self.close()
+            raise
+
+    def next_of(self, number: int) -> Any:
+        """Return the next thing from the worker whose share this number is, or its `Failure`, after which all end."""
+        made = self._workers[(number - self._first) % self._count].ready.get()
+        if isinstance(made, Failure):
+            self.close()
+        return made
+
+    def close(self) -> None:
+        """End the workers; may be called again."""
+        _end_all(self._workers)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
 
 
 class ClipsAhead:
-    """Clips of a source, made ahead by worker processes for sequential access.
-
-    Workers end with this process, however that ends: they find no reader for their next clip. Close it, or use it in a
-    `with` statement, to end them at once.
+    """Clips of a source, made ahead by worker processes for sequential access; close it as `Workers`.
 
     Args:
         source: picklable source, whose class can be imported.
@@ -47,10 +126,7 @@ class ClipsAhead:
 
     def __init__(self, source: ClipSource, workers: int = 1, ahead: int = 2) -> None:
         require_count(1, workers=workers, ahead=ahead)
-        self._source, self._count, self._ahead = source, workers, ahead
-        self._first, self._next = 0, -1
-        self._workers: list[_Worker] = []
-        weakref.finalize(self, _end_all, self._workers)  # also when the interpreter exits
+        self._workers, self._next = Workers(ClipMaker(source), workers, ahead), -1
 
     def clip(self, index: int) -> Clip:
         """Return a clip, without delay if it follows the one before and is made.
@@ -60,28 +136,19 @@ class ClipsAhead:
             InvalidValueError: the source cannot be pickled.
         """
         if index != self._next:
-            self._start(index)
-        made = self._workers[(index - self._first) % self._count].ready.get()
-        if not isinstance(made, Clip):
-            self.close()
-            raise made if isinstance(made, CoopsimError) else CoopsimError(f"clip {index} failed:\n{made}")
+            self._workers.start(index)
+        self._next = -1
+        made = self._workers.next_of(index)
+        if isinstance(made, Failure):
+            raise made.error(f"clip {index}")
         self._next = index + 1
-        return made
+        clip: Clip = made
+        return clip
 
     def close(self) -> None:
         """End the workers; may be called again."""
-        _end_all(self._workers)
+        self._workers.close()
         self._next = -1
-
-    def _start(self, index: int) -> None:
-        self.close()
-        self._first = index
-        try:
-            for k in range(self._count):
-                self._workers.append(_Worker(self._source, index + k, self._count, self._ahead))
-        except BaseException:
-            self.close()
-            raise
 
     def __enter__(self) -> Self:
         return self
@@ -91,22 +158,23 @@ class ClipsAhead:
 
 
 class _Worker:
-    """A process that makes every `stride`-th clip, and a thread that fetches them into a queue."""
+    """A process that makes every `stride`-th thing, and a thread that fetches them into a queue."""
 
-    def __init__(self, source: ClipSource, index: int, stride: int, ahead: int) -> None:
+    def __init__(self, maker: Maker, first: int, stride: int, ahead: int, ends: Callable[[Any], bool]) -> None:
         try:
-            order = pickle.dumps((source, index, stride))
+            order = pickle.dumps((maker, first, stride))
         except Exception as error:
             raise InvalidValueError(f"source must be picklable to be given to workers: {error}") from error
         self._owner = os.getpid()
-        self.ready: queue.Queue[Made] = queue.Queue(ahead)
-        self._ended = threading.Event()
+        self.ready: queue.Queue[Any] = queue.Queue(ahead)
+        self._ends, self._ended = ends, threading.Event()
         self._process = start_python(_PROGRAM)
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError):  # the thread finds out why
             self._process.stdin.write(order)
             self._process.stdin.close()
-        threading.Thread(target=_fetch, args=(self._process, self.ready, self._ended), daemon=True).start()
+        self._thread = threading.Thread(target=self._fetch, daemon=True)
+        self._thread.start()
 
     def end(self) -> None:
         """Kill the process, unless this is a fork of the one whose worker it is."""
@@ -115,6 +183,29 @@ class _Worker:
         self._ended.set()
         self._process.kill()
         self._process.wait()
+        self._thread.join()  # a thread that makes arrays while the interpreter ends would crash it
+
+    def _fetch(self) -> None:
+        """Put into the queue what the process sends, until it sends no more."""
+        assert self._process.stdout is not None
+        with self._process.stdout as outlet:
+            while not self._ended.is_set():
+                try:
+                    made = receive(outlet)
+                except EOFError:
+                    made = Failure(f"its worker ended: {cause_of_end(self._process.wait())}")
+                self._put(made)
+                if isinstance(made, Failure):
+                    return
+
+    def _put(self, made: Any) -> None:
+        """Put a thing into the queue when there is room, and wait until a group that it ends is taken."""
+        while not self._ended.is_set():
+            with contextlib.suppress(queue.Full):
+                self.ready.put(made, timeout=_PATIENCE_S)
+                break
+        while self._ends(made) and not self.ready.empty() and not self._ended.is_set():
+            time.sleep(_PATIENCE_S / 10)
 
 
 def _end_all(workers: list[_Worker]) -> None:
@@ -122,71 +213,35 @@ def _end_all(workers: list[_Worker]) -> None:
         workers.pop().end()
 
 
-def _fetch(process: subprocess.Popen[bytes], ready: queue.Queue[Made], ended: threading.Event) -> None:
-    """Put into the queue what a worker sends, until it sends no more."""
-    assert process.stdout is not None
-    with process.stdout as outlet:
-        while not ended.is_set():
-            made = _received(outlet)
-            if made is None:
-                made = f"its worker ended: {cause_of_end(process.wait())}"
-            while not ended.is_set():
-                with contextlib.suppress(queue.Full):
-                    ready.put(made, timeout=0.2)
-                    break
-            if not isinstance(made, Clip):
-                return
-
-
-def _received(outlet: IO[bytes]) -> Made | None:
-    """Return what a worker has sent, or None if it ended before."""
-    head = outlet.read(_LENGTH.size)
-    if len(head) < _LENGTH.size:
-        return None
-    (length,) = _LENGTH.unpack(head)
-    content = outlet.read(length)
-    return None if len(content) < length else pickle.loads(content)
-
-
 def serve() -> None:
-    """Make clips until the reader is gone or an error is raised: the program of a worker."""
+    """Make things until the reader is gone or an error is raised: the program of a worker."""
     outlet = os.fdopen(os.dup(1), "wb", buffering=0)
-    os.dup2(2, 1)  # what a source prints must not get among the clips
+    os.dup2(2, 1)  # what a source prints must not get among what is made
     limit_threads(1)
     try:
         for made in _made(sys.stdin.buffer):
-            content = pickle.dumps(made, protocol=5)
-            for part in (_LENGTH.pack(len(content)), content):
-                left = memoryview(part)
-                while left:  # an unbuffered file writes what fits
-                    left = left[outlet.write(left) :]
+            send(outlet, made)
     except (BrokenPipeError, EOFError):
         os._exit(0)
 
 
-def _made(inlet: BinaryIO) -> Iterator[Made]:
-    """Yield clips without an end, or an error last."""
+def _made(inlet: BinaryIO) -> Iterator[Any]:
+    """Yield what is made without an end, or an error last."""
     try:
-        source, index, stride = pickle.load(inlet)
+        maker, first, stride = pickle.load(inlet)
     except EOFError:
         raise
-    except Exception:  # a source that can be pickled, but not made again
-        yield traceback.format_exc()
+    except Exception:  # one that can be pickled, but not made again
+        yield Failure(traceback.format_exc())
         return
-    while True:
-        made = make(source, index)
-        yield made
-        if not isinstance(made, Clip):
-            return
-        index += stride
+    yield from until_failure(maker, first, stride)
 
 
-def make(source: ClipSource, index: int) -> Made:
-    """Return a clip of a source, or its error."""
+def until_failure(maker: Maker, first: int, stride: int) -> Iterator[Any]:
+    """Yield what a maker makes, and its error as the last."""
     try:
-        clip: Clip = source.clip(index)
+        yield from maker.make(first, stride)
     except CoopsimError as error:
-        return error
+        yield Failure(error)
     except Exception:  # of a user's source
-        return traceback.format_exc()
-    return clip
+        yield Failure(traceback.format_exc())

@@ -23,6 +23,7 @@ from coopsim.learn.loop.checkpoint import Checkpoint, load_checkpoint, save_chec
 from coopsim.learn.loop.training_log import TrainingLog
 from coopsim.learn.losses.head_losses import sum_of
 from coopsim.learn.recipe import TrainingRecipe
+from coopsim.learn.samples.batches_ahead import BatchesAhead
 from coopsim.learn.samples.sample_order import Position, SampleOrder
 from coopsim.learn.tasks.training_task import LOSS, TrainingTask
 from coopsim.nn.inference.backend import numbers_on, to_device
@@ -62,7 +63,7 @@ class TrainLoop:
     Attributes:
         task: network and losses, on `device`.
         recipe: recipe of the training.
-        order: samples in order.
+        order: batches in order.
         device: device of the arithmetic.
         folder: folder of checkpoint and log.
         run: recipe and seed as plain data, for the checkpoint.
@@ -73,7 +74,7 @@ class TrainLoop:
 
     task: TrainingTask
     recipe: TrainingRecipe
-    order: SampleOrder
+    order: SampleOrder | BatchesAhead
     device: torch.device
     folder: Path
     run: Mapping[str, Any]
@@ -105,10 +106,10 @@ class TrainLoop:
         watch = LossWatch(f"the weights of step {first} are kept in {self.folder}" if first else "no weights are kept")
         self.task.train()
         with _told_to_end() as end:
-            for position, samples in self.order.batches(self._position):
+            for position, batch in self.order.batches(self._position):
                 if self._step >= self.recipe.steps:
                     break
-                losses = self._take_step(samples, watch)
+                losses = self._take_step(batch, watch)
                 self._position, self._step = position, self._step + 1
                 log.add(self._step, losses)
                 self._validate(log)
@@ -124,13 +125,13 @@ class TrainLoop:
                     raise KeyboardInterrupt
         self._save(log)
 
-    def _take_step(self, samples: list[Any], watch: LossWatch) -> dict[str, float]:
+    def _take_step(self, batch: Any, watch: LossWatch) -> dict[str, float]:
         """Take a step of the optimizer. Return the losses before it."""
         rate = one_cycle(self._step, self.recipe.steps, self.recipe.lr)
         for group in self._adam.param_groups:
             group["lr"] = rate * group["factor"]
         short = numbers_on(self.device, self.recipe.precision) is torch.bfloat16
-        batch = to_device(self.task.collate(samples), self.device)
+        batch = to_device(batch, self.device)
         self.task.progress = self._step / self.recipe.steps
         with torch.autocast(self.device.type, torch.bfloat16, enabled=short):
             losses: dict[str, Tensor] = self.task(batch)

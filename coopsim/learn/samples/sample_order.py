@@ -19,6 +19,9 @@ _MOST_EMPTY = 20
 Cut = Callable[[Any, np.random.Generator], Sequence[Any]]
 """Draws samples from a clip."""
 
+Join = Callable[[Sequence[Any]], Any]
+"""Makes a batch of samples."""
+
 
 @dataclass(frozen=True, slots=True, order=True)
 class Position:
@@ -49,6 +52,7 @@ class SampleOrder:
         batch: samples in a batch.
         block: clips in a block.
         passes: passes over each block.
+        join: makes a batch of samples.
     """
 
     source: ClipSource
@@ -57,30 +61,26 @@ class SampleOrder:
     batch: int
     block: int
     passes: int
+    join: Join = list
 
-    def batches(self, start: Position) -> Iterator[tuple[Position, list[Any]]]:
+    def batches(self, start: Position) -> Iterator[tuple[Position, Any]]:
         """Yield batches without end, each with the position after it.
 
         Raises:
             TrainingError: many blocks in a row have no sample.
         """
-        block, turn, used, empty = start.block, start.turn, start.batches, 0
-        while True:
-            first = block * self.block
-            clips = [self.source.clip(first + k) for k in range(self.block)]
-            empty += 1
-            while turn < self.passes:
-                found = self._shuffled(clips, block, turn)
-                while used < len(found):
-                    used, empty = used + 1, 0
-                    yield Position(block, turn, used), found[used - 1]
-                turn, used = turn + 1, 0
-            if empty >= _MOST_EMPTY:
-                raise TrainingError(
-                    f"{empty * self.block} clips up to number {first + self.block - 1} have no sample: "
-                    "the recipe's world must have agents that see something (with cameras, to train on pictures)"
-                )
-            block, turn = block + 1, 0
+        return joined_blocks(self.batches_of_block, start, self.block)
+
+    def batches_of_block(self, start: Position) -> Iterator[tuple[Position, Any]]:
+        """Yield the batches of a block from a position in it on, each with the position after it."""
+        block, turn, used = start.block, start.turn, start.batches
+        clips = [self.source.clip(block * self.block + k) for k in range(self.block)]
+        while turn < self.passes:
+            found = self._shuffled(clips, block, turn)
+            while used < len(found):
+                used += 1
+                yield Position(block, turn, used), self.join(found[used - 1])
+            turn, used = turn + 1, 0
 
     def _shuffled(self, clips: Sequence[Any], block: int, turn: int) -> list[list[Any]]:
         """Return all full batches of one pass over a block; a block of fewer samples than a batch is one batch."""
@@ -92,3 +92,30 @@ class SampleOrder:
         size = min(self.batch, len(samples))
         full = len(samples) // size if size else 0
         return [[samples[place] for place in places[k * size : (k + 1) * size]] for k in range(full)]
+
+
+def joined_blocks(
+    batches_of_block: Callable[[Position], Iterator[tuple[Position, Any]]], start: Position, clips: int
+) -> Iterator[tuple[Position, Any]]:
+    """Yield the batches of all blocks from a position on.
+
+    Args:
+        batches_of_block: yields those of one block from a position in it on.
+        start: the position.
+        clips: number of clips of a block, for the error.
+
+    Raises:
+        TrainingError: many blocks in a row have no sample.
+    """
+    empty = 0
+    while True:
+        empty += 1
+        for each in batches_of_block(start):
+            empty = 0
+            yield each
+        start = Position(start.block + 1)
+        if empty >= _MOST_EMPTY:
+            raise TrainingError(
+                f"{empty * clips} clips up to number {start.block * clips - 1} have no sample: the recipe's world must "
+                "have agents that see something (with cameras, to train on pictures)"
+            )

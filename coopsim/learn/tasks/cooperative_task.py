@@ -40,6 +40,7 @@ class CooperativeTask(TrainingTask):
     """Stage B: the training of a `CooperativeNet` on a frozen encoder; its head begins as the detector's."""
 
     net: CooperativeNet
+    cuts_apart = True
     draft: type[SceneDraft] = SceneDraft
 
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
@@ -193,6 +194,7 @@ class TogetherTask(TrainingTask):
     """Stage C: the training of an encoder and a fusion together, from the ends of stages A and B."""
 
     net: DetectorAndFusion
+    cuts_apart = True
 
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
         super().__init__()

@@ -29,6 +29,7 @@ class DetectorTask(TrainingTask):
     """The training of a `DetectorNet`."""
 
     net: DetectorNet
+    cuts_apart = True
 
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
         super().__init__()

@@ -37,6 +37,7 @@ class PicturesTask(TrainingTask):
     """
 
     net: PictureDetectorNet | PointsAndPicturesNet
+    cuts_apart = True
 
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
         super().__init__()

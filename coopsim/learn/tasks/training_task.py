@@ -50,6 +50,7 @@ class TrainingTask(nn.Module, ABC):
         metadata: metadata of its file of weights, see `weights_metadata`.
         frozen: modules that stay in evaluation mode: their statistics of normalisation are not to change.
         progress: share of the training that has passed, in [0, 1]; set before each step.
+        cuts_apart: samples are drawn without any network, so that other processes may do it.
 
     Raises:
         InvalidValueError: an option has no meaning for the task, or the networks of a recipe do not fit together.
@@ -59,6 +60,7 @@ class TrainingTask(nn.Module, ABC):
     metadata: Mapping[str, Any]
     frozen: Sequence[nn.Module] = ()
     progress: float = 1.0
+    cuts_apart: bool = False
 
     def train(self, mode: bool = True) -> Self:
         super().train(mode)

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from helpers.clip_sources import NumberedClips
 from helpers.clips import SMALL, require_same
 
 from coopsim.errors import CoopsimError, InvalidValueError
-from coopsim.learn.clips.ahead import ClipsAhead, make
+from coopsim.learn.clips.ahead import ClipMaker, ClipsAhead, Failure, until_failure
 from coopsim.learn.clips.clip import Clip
 from coopsim.learn.clips.simulated import SimulatedClips
 
@@ -47,11 +48,14 @@ def test_an_error_of_a_worker_comes_with_its_text() -> None:
 
 
 def test_errors_of_sources_are_results() -> None:
-    assert isinstance(make(NumberedClips(), 3), Clip)
-    error = make(NumberedClips(fails_at=3), 3)
-    assert isinstance(error, InvalidValueError) and "no clip 3" in str(error)
-    report = make(NumberedClips(fails_at=3, why="other"), 3)
-    assert isinstance(report, str) and "ZeroDivisionError" in report
+    clips, error, report = (
+        list(islice(until_failure(ClipMaker(source), 3, 1), 2))
+        for source in (NumberedClips(), NumberedClips(fails_at=3), NumberedClips(fails_at=3, why="other"))
+    )
+    assert [isinstance(each, Clip) for each in clips] == [True, True]
+    assert len(error) == len(report) == 1
+    assert isinstance(error[0], Failure) and isinstance(error[0].error("clip 3"), InvalidValueError)
+    assert "no clip 3" in str(error[0].reason) and "ZeroDivisionError" in str(report[0].error("clip 3"))
 
 
 def test_a_source_that_cannot_be_pickled_is_refused() -> None:
