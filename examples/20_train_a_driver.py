@@ -1,6 +1,6 @@
 """Train a car to drive by what it and others see, and compare it with the built-in planner on seeds new to both.
 
-`python 20_train_a_driver.py 200000` trains for less than half an hour on two free cores, then drives 400 episodes to
+`python 20_train_a_driver.py 200000` trains for about half an hour on two free cores, then drives 400 episodes to
 compare. Without a number it shows the way in seconds, and the driver has learned next to nothing.
 """
 
