@@ -22,7 +22,7 @@ from typing import Any, BinaryIO, Protocol, Self
 
 from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.learn.clips.clip import Clip, ClipSource
-from coopsim.learn.clips.pipe import receive, send
+from coopsim.learn.clips.pipe import receive, send, widen
 from coopsim.support.checks import require_count
 from coopsim.support.processes import cause_of_end, start_python
 from coopsim.support.threads import limit_threads
@@ -169,7 +169,8 @@ class _Worker:
         self.ready: queue.Queue[Any] = queue.Queue(ahead)
         self._ends, self._ended = ends, threading.Event()
         self._process = start_python(_PROGRAM)
-        assert self._process.stdin is not None
+        assert self._process.stdin is not None and self._process.stdout is not None
+        widen(self._process.stdout)
         with contextlib.suppress(BrokenPipeError):  # the thread finds out why
             self._process.stdin.write(order)
             self._process.stdin.close()

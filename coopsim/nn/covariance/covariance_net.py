@@ -173,13 +173,17 @@ def box_patches(features: Tensor, boxes: Tensor, grid: BevGrid) -> Tensor:
     The places turn with the box, unlike the source's: so an object looks the same whatever its heading. Between cells
     features (C, h, w) are interpolated; beyond the map they are zero. Boxes (N, 7) are in the frame of the grid.
     """
-    steps = torch.linspace(-_REACH, _REACH, PLACES, dtype=features.dtype, device=features.device)
-    boxes = boxes.to(features)
-    ahead, left = (each.flatten() for each in torch.meshgrid(steps, -steps, indexing="ij"))
-    ahead, left = boxes[:, 3:4] * ahead, boxes[:, 4:5] * left
-    cos, sin = boxes[:, 6:7].cos(), boxes[:, 6:7].sin()
-    x, y = boxes[:, 0:1] + cos * ahead - sin * left, boxes[:, 1:2] + sin * ahead + cos * left
-    (x_low, x_high), (y_low, y_high) = grid.x_m, grid.y_m
-    places = torch.stack([2 * (x - x_low) / (x_high - x_low) - 1, 2 * (y - y_low) / (y_high - y_low) - 1], dim=-1)
+    places = patch_places(boxes.to(features), grid)
     found = functional.grid_sample(features[None], places[None], align_corners=False)  # (1, C, N, 9)
     return found[0].permute(1, 2, 0).flatten(1)
+
+
+def patch_places(boxes: Tensor, grid: BevGrid) -> Tensor:
+    """Return the places (..., 9, 2) of `box_patches` of boxes (..., 7): x and y, -1 to 1 over the grid."""
+    steps = torch.linspace(-_REACH, _REACH, PLACES, dtype=boxes.dtype, device=boxes.device)
+    ahead, left = (each.flatten() for each in torch.meshgrid(steps, -steps, indexing="ij"))
+    ahead, left = boxes[..., 3:4] * ahead, boxes[..., 4:5] * left
+    cos, sin = boxes[..., 6:7].cos(), boxes[..., 6:7].sin()
+    x, y = boxes[..., 0:1] + cos * ahead - sin * left, boxes[..., 1:2] + sin * ahead + cos * left
+    (x_low, x_high), (y_low, y_high) = grid.x_m, grid.y_m
+    return torch.stack([2 * (x - x_low) / (x_high - x_low) - 1, 2 * (y - y_low) / (y_high - y_low) - 1], dim=-1)

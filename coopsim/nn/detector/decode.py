@@ -83,7 +83,10 @@ def cell_centers(cell: Tensor, grid: BevGrid) -> Tensor:
 
 
 def find_peaks(logits: Tensor, least_score: float, most: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Return map, cell, label and score of the cells that are hotter than their neighbours, at most `most` of a map."""
+    """Return map, cell, label and score of the cells that are hotter than their neighbours, at most `most` of a map.
+
+    Maps are in order, and each one's peaks, too, the hottest first.
+    """
     maps, columns = len(logits), logits.shape[-1]
     parts: list[tuple[Tensor, ...]] = []
     for group in GROUPS:
@@ -97,7 +100,10 @@ def find_peaks(logits: Tensor, least_score: float, most: int) -> tuple[Tensor, T
         parts.append((number, row * columns + column, label, heat[number, row, column]))
     number, cell, label, score = (torch.cat(columns_) for columns_ in zip(*parts, strict=True))
     order = torch.argsort(score, descending=True, stable=True)
-    kept = torch.cat([order[number[order] == k][:most] for k in range(maps)])
+    order = order[torch.argsort(number[order], stable=True)]
+    count = torch.bincount(number, minlength=maps)
+    rank = torch.arange(len(order), device=order.device) - (count.cumsum(0) - count)[number[order]]
+    kept = order[rank < most]
     return number[kept], cell[kept], label[kept], score[kept]
 
 
