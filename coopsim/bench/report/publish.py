@@ -20,6 +20,7 @@ from coopsim.bench.report.bench_plots import plots
 from coopsim.bench.report.bench_report import About, write_bench_report
 from coopsim.bench.report.bench_text import to_csv, to_markdown
 from coopsim.bench.report.clips import RunCell, film
+from coopsim.bench.report.lies_text import to_lies_markdown
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import worst_windows
 from coopsim.bench.safety.pairs import CRASH, film_pairs, telling_pairs
@@ -51,9 +52,9 @@ def publish(
 ) -> tuple[Path, ...]:
     """Write `report.html`, `report.md` and `results.csv`, the files for papers, and plots as SVG files if asked for.
 
-    Where cars were driven, `safety.md` and figures of crash rates are written, too, and the report has telling pairs in
-    place of the worst moments. Equal results give equal files, unless the time for clips runs out, which the report
-    then says. Return the paths.
+    Where agents lied, `lies.md` is written, too. Where cars were driven, `safety.md` and figures of crash rates are,
+    and the report has telling pairs in place of the worst moments. Equal results give equal files, unless the time for
+    clips runs out, which the report then says. Return the paths.
 
     Args:
         folder: folder of the files, made if need be.
@@ -81,6 +82,8 @@ def publish(
     if with_plots:
         for metric in table.shown:
             contents |= {folder / "plots" / name: text for name, text in plots(table, metric).items()}
+    if any(each.attacks for each in table.conditions) and PRIMARY_METRIC in table.metrics:
+        contents |= {folder / "lies.md": to_lies_markdown(table)}
     driven = CRASH in table.metrics
     if driven:
         contents |= {folder / "safety.md": to_safety_markdown(table)}

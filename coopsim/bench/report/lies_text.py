@@ -1,0 +1,134 @@
+"""Answers of a benchmark with attacks, as Markdown: what lies cost, what defences win back, and what they find.
+
+Differences are paired by seed: the same world with and without a lie, with and without a defence. Where several
+disturbances vary, their means stand for them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from tabulate import tabulate
+
+from coopsim.bench.report.bench_text import escaped, form_of, format_value
+from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.results.standings import known_mean
+from coopsim.bench.results.statistics import bootstrap_difference
+from coopsim.catalog import PolicySpec
+from coopsim.geometry.se3 import Floats
+from coopsim.metrics.deception import DECEPTION
+from coopsim.metrics.finding import FINDING
+from coopsim.metrics.metric import PRIMARY_METRIC
+
+_HONEST = "nobody lies"
+
+
+def to_lies_markdown(table: ResultTable, metric: str = PRIMARY_METRIC) -> str:
+    """Format all answers about a metric; parts for which the results have no data are left out."""
+    parts = [
+        (f"{metric} under attack", _scores(table, metric), "Means."),
+        ("What lies cost", _costs(table, metric), f"Change of {metric} against the same policy when nobody lies."),
+        ("What defences win back", _won_back(table, metric), _WON_BACK_NOTE.format(metric)),
+        ("Liars found", _means(table, tuple(FINDING), lying=True), "Means over the attacks."),
+        ("Honest senders doubted", _means(table, ("attacker_FPR",), lying=False), f"Means when {_HONEST}."),
+        ("Lies believed", _lies(table), "Means of each policy and attack."),
+    ]
+    shown = [f"## {heading}\n\n{note}\n\n{content}" for heading, content, note in parts if content]
+    return "# Lies\n\n" + "\n\n".join(shown) + f"\n\nIntervals are of 95 %, over {table.samples.text}.\n"
+
+
+_WON_BACK_NOTE = """Change of {} against the same policy without a defence, under the same attack. The first row is what
+a defence costs when nobody lies."""
+
+
+def _attacks(table: ResultTable) -> list[tuple[str, list[int]]]:
+    """Return the attacks in words, none first, with the numbers of their conditions."""
+    texts = sorted({each.attacks for each in table.conditions})
+    return [(text or _HONEST, [k for k, each in enumerate(table.conditions) if each.attacks == text]) for text in texts]
+
+
+def _scores(table: ResultTable, metric: str) -> str:
+    rows = []
+    for attack, conditions in _attacks(table):
+        values = known_mean(table.values(metric)[:, conditions].reshape(len(table.policies), -1), axis=1)
+        rows.append([attack, *(format_value(float(value), form_of(metric)) for value in values)])
+    return _table(["attack", *table.names.values()], rows)
+
+
+def _costs(table: ResultTable, metric: str) -> str:
+    honest = {replace(each, attacks=""): k for k, each in enumerate(table.conditions) if not each.attacks}
+    values = table.values(metric)
+    rows = []
+    for attack, conditions in _attacks(table):
+        pairs = [(k, honest.get(replace(table.conditions[k], attacks=""))) for k in conditions]
+        if attack == _HONEST or any(before is None for _, before in pairs):
+            continue
+        changed = [values[:, k] - values[:, before] for k, before in pairs if before is not None]
+        rows.append([attack, *(_change(table, metric, each) for each in np.mean(changed, axis=0))])
+    return _table(["attack", *table.names.values()], rows)
+
+
+def _won_back(table: ResultTable, metric: str) -> str:
+    values, twins = table.values(metric), _undefended(table)
+    rows = []
+    for attack, conditions in _attacks(table):
+        changes = [values[k, conditions].mean(axis=0) - values[twin, conditions].mean(axis=0) for k, twin in twins]
+        rows.append([attack, *(_change(table, metric, each) for each in changes)])
+    return _table(["attack", *(table.names[table.policies[k]] for k, _ in twins)], rows) if twins else ""
+
+
+def _undefended(table: ResultTable) -> list[tuple[int, int]]:
+    """Return the numbers of policies with a defence, each with that of the same policy without one."""
+    found = []
+    for k, text in enumerate(table.policies):
+        spec = PolicySpec.parse(text)
+        bare = replace(spec, parameters={name: value for name, value in spec.parameters.items() if name != "defense"})
+        if bare.text != spec.text and bare.text in table.policies:
+            found.append((k, table.policies.index(bare.text)))
+    return found
+
+
+def _means(table: ResultTable, metrics: Sequence[str], *, lying: bool) -> str:
+    known = [name for name in metrics if name in table.metrics]
+    conditions = [k for k, each in enumerate(table.conditions) if bool(each.attacks) == lying]
+    rows = []
+    for k, policy in enumerate(table.names.values()):
+        means = [float(known_mean(table.values(name)[k, conditions].reshape(1, -1), axis=1)[0]) for name in known]
+        if not np.isnan(means).all():
+            cells = [format_value(mean, form_of(name)) for name, mean in zip(known, means, strict=True)]
+            rows.append([policy, *cells])
+    return _table(["policy", *known], rows)
+
+
+def _lies(table: ResultTable) -> str:
+    known = [name for name in DECEPTION if name in table.metrics]
+    rows = []
+    for attack, conditions in _attacks(table):
+        for k, policy in enumerate(table.policies):
+            means = [float(known_mean(table.values(name)[k, conditions].reshape(1, -1), axis=1)[0]) for name in known]
+            if not np.isnan(means).all():
+                cells = [format_value(mean, form_of(name)) for name, mean in zip(known, means, strict=True)]
+                rows.append([attack, table.names[policy], *cells])
+    return _table(["attack", "policy", *known], rows, texts=2)
+
+
+def _change(table: ResultTable, metric: str, differences: Floats) -> str:
+    """Format the mean of paired differences (S,) with its interval; "-" without a pair."""
+    known = table.samples.average(differences)
+    known = known[~np.isnan(known)]
+    if not len(known):
+        return "-"
+    interval, _ = bootstrap_difference(known)
+    form = f"+{form_of(metric)}"
+    mean = format_value(interval.mean, form)
+    ends = np.isfinite([interval.low, interval.high]).all()
+    return f"{mean} ({interval.low:{form}} to {interval.high:{form}})" if ends else mean
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], texts: int = 1) -> str:
+    align = ["left"] * texts + ["right"] * (len(heads) - texts)
+    cells = [[escaped(cell) for cell in row] for row in rows]
+    named_heads = [escaped(head) for head in heads]
+    return tabulate(cells, named_heads, tablefmt="github", colalign=align, disable_numparse=True) if rows else ""
