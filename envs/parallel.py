@@ -230,7 +230,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         note_lies(self._deceptions, frame, tracks, self.lies, self._source.region_m)
         counts = self._scorer.update(frame.agents, tracks)
         over = self._frame = replace(frame, probe=FrameProbe())  # frees the scene that is over
-        self._view.update(over, tracks)
+        self._view.update(over, tracks, self.lies)
         self._exchange.tell(over, messages, said)
         self._frame = frame = self._source.advance(commands, tracks)
         self._drives.update(over, tracks, frame)

@@ -119,15 +119,16 @@ class ScoredView:
         self._road_map: RoadMap
         self._frame: Frame
         self._tracks: Mapping[str, Tracks]
+        self._lies: Sequence[Lie] = ()
 
     def begin(self, road_map: RoadMap, frame: Frame) -> None:
         """Begin an episode: take over the outlines of its place and its first frame, for which nothing is reported."""
         self._road_map = road_map
-        self.update(frame, {})
+        self.update(frame, {}, ())
 
-    def update(self, frame: Frame, tracks: Mapping[str, Tracks]) -> None:
-        """Take over a frame and the tracks reported for it, in each agent's base frame."""
-        self._frame, self._tracks = frame, tracks
+    def update(self, frame: Frame, tracks: Mapping[str, Tracks], lies: Sequence[Lie]) -> None:
+        """Take over a frame, the tracks reported for it, in each agent's base frame, and the lies in its messages."""
+        self._frame, self._tracks, self._lies = frame, tracks, lies
 
     def bev_frame(self, *, points: bool, agent: str | None = None) -> BevFrame:
         """Return the frame with its tracks, in the world frame.
@@ -137,7 +138,7 @@ class ScoredView:
         bodies = {name: agent.body for name, agent in self._frame.agents.items()}
         placed = {name: tracks.transform(bodies[name].world_SE3_base) for name, tracks in self._tracks.items()}
         cloud = world_points(self._frame, agent) if points else np.zeros((0, 3))
-        return BevFrame(self._frame.time_ns, self._frame.actors, bodies, cloud, placed)
+        return BevFrame(self._frame.time_ns, self._frame.actors, bodies, cloud, placed, self._lies)
 
     def render(self, mode: str) -> NDArray[np.uint8] | None:
         """Return a picture (H, W, 3) for the mode "rgb_array"; show it in a window for "human"."""

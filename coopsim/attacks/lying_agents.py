@@ -229,6 +229,7 @@ class _Liar:
                     Boxes3D.concatenate(boxes for _, boxes in view.claims).transform(stated.world_SE3_base),
                     Boxes3D.concatenate(view.denials).transform(true_SE3_base),
                     view.against,
+                    (float(stated.xyz_yaw[0]), float(stated.xyz_yaw[1])),
                 )
             )
         return found

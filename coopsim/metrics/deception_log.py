@@ -67,15 +67,15 @@ class DeceptionLog:
         base_SE3_world = world_SE3_base.inverse()
         for lie in lies:
             claimed = lie.claimed.transform(base_SE3_world)
-            counts = _inside(claimed, region_m) & ~_near(claimed, truth.boxes)
-            believed = _near(claimed, tracks.boxes)
+            counts = _inside(claimed, region_m) & ~near(claimed, truth.boxes)
+            believed = near(claimed, tracks.boxes)
             for row in np.flatnonzero(counts & (lie.id >= 0)).tolist():
                 key = lie.agent, lie.attack, int(lie.id[row])
                 self.ghosts.setdefault(key, Deception()).add(bool(believed[row]))
             objects = truth.counted.boxes
-            denied = objects[_near(objects, lie.denied.transform(base_SE3_world))]
+            denied = objects[near(objects, lie.denied.transform(base_SE3_world))]
             self.denied += len(denied)
-            self.hidden += int((~_near(denied, tracks.boxes)).sum())
+            self.hidden += int((~near(denied, tracks.boxes)).sum())
 
 
 def _inside(boxes: Boxes3D, region_m: Floats | None) -> Mask:
@@ -84,10 +84,10 @@ def _inside(boxes: Boxes3D, region_m: Floats | None) -> Mask:
     return in_region(boxes.center, region_m)
 
 
-def _near(boxes: Boxes3D, others: Boxes3D) -> Mask:
+def near(boxes: Boxes3D, others: Boxes3D) -> Mask:
     """Return the mask (N,) of boxes with one of the others within `NEAR_M` on the ground."""
     if not len(others):
         return np.zeros(len(boxes), np.bool_)
     apart = boxes.center[:, None, :2] - others.center[None, :, :2]
-    near: Mask = np.any(np.hypot(apart[..., 0], apart[..., 1]) <= NEAR_M, axis=1)
-    return near
+    found: Mask = np.any(np.hypot(apart[..., 0], apart[..., 1]) <= NEAR_M, axis=1)
+    return found

@@ -25,6 +25,7 @@ class Lie:
             not there.
         denied: M boxes in the world frame: objects that the agent knows of, and does not report where they are.
         against: name of the receiver that is meant; None: all.
+        stated_m: x and y in the world frame where the agent's message says that it is; None: unknown.
     """
 
     time_ns: int
@@ -35,6 +36,7 @@ class Lie:
     claimed: Boxes3D = field(default_factory=Boxes3D.empty)
     denied: Boxes3D = field(default_factory=Boxes3D.empty)
     against: str | None = None
+    stated_m: tuple[float, float] | None = None
 
 
 def lying_senders(lies: Iterable[Lie]) -> set[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +14,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.types import NS_PER_S, Tracks
+from coopsim.types.lies import Lie
 from coopsim.viz import palette
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
 
@@ -25,13 +26,14 @@ SCALE_BAR_M = 20.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BevFrame:
-    """Content of a bird's-eye image in the world frame: truth, points (N, 3) m, tracks by reporting agent."""
+    """Content of a bird's-eye image in the world frame: truth, points (N, 3) m, tracks by reporting agent, and lies."""
 
     time_ns: int
     actors: Actors
     agents: Mapping[str, AgentBody]
     points: Floats
     tracks: Mapping[str, Tracks]
+    lies: Sequence[Lie] = ()
 
 
 def outlines(boxes: Boxes3D) -> Floats:
@@ -112,17 +114,22 @@ class BevRenderer:
             for track_id, corners in zip(tracks.id.tolist(), outlines(tracks.boxes), strict=True):
                 width = 2 if name == first else 1
                 self._polygons(corners[None], centre, palette.track_color(track_id), width)
+        for lie in frame.lies:
+            self._polygons(outlines(lie.claimed), centre, palette.LIE, width=2)
         for name, body in frame.agents.items():
             spot = self._pixels(body.world_SE3_base.translation[None, :2], centre)[0]
             if body.actor_id is None:
                 self._pygame.draw.circle(self._surface, palette.AGENT, spot, 5)
             self._text(name, spot + np.array([8, -18]), palette.AGENT)
-        self._legend(frame.time_ns, first)
+        self._legend(frame, first)
 
-    def _legend(self, time_ns: int, first: str | None) -> None:
-        lines = [f"{time_ns / NS_PER_S:.1f} s", "truth grey, agents yellow"]
+    def _legend(self, frame: BevFrame, first: str | None) -> None:
+        lines = [f"{frame.time_ns / NS_PER_S:.1f} s", "truth grey, agents yellow"]
         if first is not None:
             lines.append(f"tracks by id, bold those of {first}")
+        if frame.lies:
+            liars = sorted({lie.agent for lie in frame.lies})
+            lines.append(f"pink: claims of {' and '.join(liars)}")
         for k, line in enumerate(lines):
             self._text(line, np.array([10, 8 + 18 * k]), palette.TEXT)
         left, bottom = 12, self._size[1] - 14

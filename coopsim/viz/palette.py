@@ -11,6 +11,7 @@ POINT: RGB = (96, 132, 150)
 TRUTH: RGB = (150, 155, 162)
 AGENT: RGB = (255, 206, 84)
 TEXT: RGB = (214, 218, 224)
+LIE: RGB = (255, 45, 190)
 
 MAP: dict[str, RGB] = {
     "grass": (24, 34, 30),

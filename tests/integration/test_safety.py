@@ -13,7 +13,7 @@ from coopsim.bench.benchmark import benchmark
 from coopsim.bench.engine.engine import Engine
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.grid.grid import Grid
-from coopsim.bench.report.bench_report import About, render_bench_report
+from coopsim.bench.report.bench_report import About, Played, render_bench_report
 from coopsim.bench.report.publish import make_rerun, publish
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.safety.movie import write_movie
@@ -131,7 +131,7 @@ def test_a_report_plays_a_pair_up_to_its_crash(crash: Recording) -> None:
     assert [mark["crash"] for mark in side["marks"]] == [False] * (len(side["marks"]) - 1) + [True]
     assert all(mark["met"] for mark in side["marks"]), "what it must not touch is ringed"
     table = ResultTable.of([CellResult(crash.cell, {"crash": 100.0, "bytes_per_s": 0.0})])
-    page = render_bench_report(table, About(), pairs=[(crash, crash)])
+    page = render_bench_report(table, About(), Played(pairs=[(crash, crash)]))
     assert "Telling pairs" in page and f"crash at {3.6 * crash.events.impact_m_s:.0f} km/h" in page
 
 

@@ -14,6 +14,8 @@ from coopsim.bench.report.bench_tables import condition_table, failures, leaderb
 from coopsim.bench.report.bench_text import interval_kinds
 from coopsim.bench.report.clips import Clip
 from coopsim.bench.report.formats import definitions, fill_page
+from coopsim.bench.report.lie_pages import lie_data, lies_section
+from coopsim.bench.report.lie_pairs import FilmedLie
 from coopsim.bench.report.scene import DRAWING, Scene
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.safety.pair_pages import Filmed, pair_data, pairs_section
@@ -42,40 +44,53 @@ class About:
     settings: Mapping[str, str] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Played:
+    """Runs that a report plays, and lines on those that are missing.
+
+    Attributes:
+        clips: clips of the worst moments, shown where no car was driven.
+        pairs: recordings of telling pairs, shown where cars were driven.
+        notes: lines on missing ones of these.
+        lies: films of pairs with a lie.
+        lie_notes: lines on missing ones of these.
+    """
+
+    clips: Sequence[Clip] = ()
+    pairs: Filmed = ()
+    notes: Sequence[str] = ()
+    lies: Sequence[FilmedLie] = ()
+    lie_notes: Sequence[str] = ()
+
+
 def write_bench_report(
     path: Path,
     table: ResultTable,
     about: About,
-    clips: Sequence[Clip] = (),
-    notes: Sequence[str] = (),
+    played: Played | None = None,
     scene: Scene | None = None,
-    pairs: Filmed = (),
 ) -> Path:
     """Write the report of `render_bench_report`; the file appears whole or not at all."""
-    return write_whole(path, render_bench_report(table, about, clips, notes, scene, pairs))
+    return write_whole(path, render_bench_report(table, about, played, scene))
 
 
 def render_bench_report(
     table: ResultTable,
     about: About,
-    clips: Sequence[Clip] = (),
-    notes: Sequence[str] = (),
+    played: Played | None = None,
     scene: Scene | None = None,
-    pairs: Filmed = (),
 ) -> str:
     """Return the report as HTML; equal results give equal text.
 
-    Where cars were driven it has their crash rates, and `pairs` of recordings in place of `clips`.
-
-    Without `clips` of the worst moments and `notes` on missing ones their section is left out; without a `scene` of
-    runs to watch side by side, the sections "From above", "Reward over time" and "Cameras".
+    Where cars were driven it has their crash rates. Sections of `played` runs without any run and note are left out;
+    without a `scene` of runs to watch side by side, the sections "From above", "Reward over time" and "Cameras".
     """
-    shown = table.shown
+    shown, played = table.shown, played or Played()
     return fill_page(
         "bench.html",
         style=("page.css", "bench.css"),
         script=("bev.js", "curves.js", "bench.js", *(["scene.js"] if scene else [])),
-        data={**_data(table, clips, pairs), **({"scene": scene.data()} if scene else {})},
+        data={**_data(table, played), **({"scene": scene.data()} if scene else {})},
         title=about.title,
         summary=_summary(table),
         leaderboards="".join(
@@ -86,7 +101,10 @@ def render_bench_report(
         interval=_interval_note(table),
         scene=scene.html() if scene else "",
         crashes=_crashes(table),
-        clips=pairs_section(pairs, notes, table) if CRASH in table.metrics else _clips(table, clips, notes),
+        lies=lies_section(played.lies, played.lie_notes, table, len(played.pairs)),
+        clips=pairs_section(played.pairs, played.notes, table)
+        if CRASH in table.metrics
+        else _clips(table, played.clips, played.notes),
         tables="".join(
             f"<details{' open' * (k == 0)}><summary>{html.escape(label(condition, table.conditions))}</summary>"
             f"{condition_table(table, k)}</details>"
@@ -161,7 +179,7 @@ def _crashes(table: ResultTable) -> str:
     return f'<section><h2>Crashes</h2>{matrix_html(table)}{_CRASHES_NOTE}<div class="figures">{figures}</div></section>'
 
 
-def _data(table: ResultTable, clips: Sequence[Clip], pairs: Filmed) -> dict[str, Any]:
+def _data(table: ResultTable, played: Played) -> dict[str, Any]:
     axes = varying_axes(table.conditions)
     values = [sorted({axis.value(each) for each in table.conditions}) for axis in axes]
     scenarios = table.scenarios
@@ -190,8 +208,8 @@ def _data(table: ResultTable, clips: Sequence[Clip], pairs: Filmed) -> dict[str,
         "values": {name: _intervals(table, name) for name in metrics},
         "bytes": BYTES,
         "drawing": dict(DRAWING),
-        "clips": [clip.data() for clip in clips],
-        "pairs": [pair_data(runs) for runs in pairs],
+        "clips": [clip.data() for clip in played.clips],
+        "pairs": [*map(pair_data, played.pairs), *map(lie_data, played.lies)],
     }
 
 

@@ -17,9 +17,10 @@ from coopsim.bench.paper.provenance import Provenance
 from coopsim.bench.paper.tables import interval_csv, latex_tables
 from coopsim.bench.paper.trade_off_plot import trade_off
 from coopsim.bench.report.bench_plots import plots
-from coopsim.bench.report.bench_report import About, write_bench_report
+from coopsim.bench.report.bench_report import About, Played, write_bench_report
 from coopsim.bench.report.bench_text import to_csv, to_markdown
 from coopsim.bench.report.clips import RunCell, film
+from coopsim.bench.report.lie_pairs import film_lies, lie_pairs
 from coopsim.bench.report.lies_text import to_lies_markdown
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import worst_windows
@@ -62,8 +63,8 @@ def publish(
         provenance: provenance of the results' grid; its options are needed to repeat the worst moments.
         title: title of the report.
         metrics: metrics of `report.md`, whose leaderboard is by the first one, and of the files for papers.
-        clips: largest number of clips of the worst moments; 0: nothing is run.
-        clip_time_s: time after which no further clip is begun.
+        clips: largest number of clips of the worst moments, and of pairs with a lie; 0: nothing is run.
+        clip_time_s: time after which no further clip of a kind is begun.
         with_plots: write `plots/METRIC_AXIS.svg`, for every metric of the report and every axis that varies.
         trust: run policies again that the results name as `module:Class` or `file.py:Class`; False: they have no clips.
         pairs: largest number of telling pairs; 0, or no clips: nothing is run.
@@ -97,12 +98,14 @@ def publish(
     isolation = origin.isolation
     if clips and "salt" not in isolation:  # without the salt, nobody can make the same episodes
         rerun = make_rerun(origin.grid.get("options", {}), isolation, trust=trust)
+        lies, lie_notes = film_lies(lie_pairs(table, clips), rerun, clip_time_s)
         if driven:
             filmed, notes = film_pairs(telling_pairs(table, pairs), rerun, clip_time_s)
-            write_bench_report(report, table, about, notes=notes, pairs=filmed)
+            played = Played(pairs=filmed, notes=notes, lies=lies, lie_notes=lie_notes)
         else:
             shown, missing = film(worst_windows(table, clips), rerun, clip_time_s)
-            write_bench_report(report, table, about, shown, missing)
+            played = Played(shown, notes=missing, lies=lies, lie_notes=lie_notes)
+        write_bench_report(report, table, about, played)
     return (report, *written)
 
 

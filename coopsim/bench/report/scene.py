@@ -35,6 +35,7 @@ _COLORS: Mapping[str, palette.RGB] = palette.MAP | {
     "truth": palette.TRUTH,
     "agent": palette.AGENT,
     "text": palette.TEXT,
+    "lie": palette.LIE,
 }
 DRAWING: Mapping[str, Any] = {
     "unit": UNIT_M,
@@ -57,11 +58,17 @@ class Film:
     """The frames of a run from above, recorded after every step, with about `points` points each.
 
     The points are those of `agent`; None: of all agents.
+
+    Attributes:
+        frames: F frames.
+        arrived: senders whose messages reached `agent`, of F + 1 frames.
     """
 
     def __init__(self, points: int, agent: str | None = None) -> None:
         self._points, self._agent = points, agent
         self.frames: list[BevFrame] = []
+        self.arrived: list[frozenset[str]] = []
+        self._delivered: dict[str, int] = {}
         self.dt_s = 0.0
         self.road_map: RoadMap
 
@@ -71,6 +78,11 @@ class Film:
         self.frames.append(replace(frame, points=thinned(frame.points, self._points)) if self._points else frame)
         self.dt_s = next(iter(env.agent_specs.values())).dt_s
         self.road_map = env.road_map
+        links = {sender: counts.delivered for (sender, to), counts in env.link_counts.items() if to == self._agent}
+        if not self.arrived:  # the first call comes after two frames, and each has one message of a sender
+            self.arrived.append(frozenset(name for name, n in links.items() if n > 1))
+        self.arrived.append(frozenset(name for name, n in links.items() if n > self._delivered.get(name, 0)))
+        self._delivered = links
 
 
 def home_of(frames: Sequence[BevFrame]) -> Floats:

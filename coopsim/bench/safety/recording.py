@@ -172,8 +172,6 @@ class Recorder:
 
     def __init__(self) -> None:
         self._film: Film | None = None
-        self._arrived: list[frozenset[str]] = []
-        self._delivered: dict[str, int] = {}
         self._agent = ""
         self._drive: Drive | None = None
         self._logs: Mapping[str, TrackLog] = {}
@@ -184,11 +182,6 @@ class Recorder:
             self._agent = next(iter(env.drives), "")
             self._film = Film(_POINTS_SHOWN, self._agent or None)
         self._film.add(env)
-        links = {sender: counts.delivered for (sender, to), counts in env.link_counts.items() if to == self._agent}
-        if not self._arrived:  # the first call comes after two frames, and each has one message of a sender
-            self._arrived.append(frozenset(name for name, n in links.items() if n > 1))
-        self._arrived.append(frozenset(name for name, n in links.items() if n > self._delivered.get(name, 0)))
-        self._delivered = links
         if self._agent and not env.agents:
             self._drive, self._logs = env.drives[self._agent].drive, env.logs
 
@@ -203,8 +196,8 @@ class Recorder:
         drive, film = _with_conflict(self._drive), self._film
         first_seen = {agent: _first_seen(log, drive) for agent, log in self._logs.items() if agent != self._agent}
         watchers = {agent: frame for agent, frame in first_seen.items() if frame is not None}
-        events = _events(drive, watchers, self._arrived)
-        return Recording(cell, drive, film.road_map, film.frames, self._agent, self._arrived, events)
+        events = _events(drive, watchers, film.arrived)
+        return Recording(cell, drive, film.road_map, film.frames, self._agent, film.arrived, events)
 
 
 def _with_conflict(drive: Drive) -> Drive:

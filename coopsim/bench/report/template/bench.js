@@ -202,14 +202,18 @@ function playing(figure, count, dt_s, show) {
 }
 const LAYERS = { points: true, truth: true, tracks: true, ids: false };
 
+/** The place of a scene's agent in a frame, or the middle of all where it is gone. */
+function placeOf({ frames, agent }, index) {
+  const { agents, origin } = frames[index];
+  return (agents.find(([name]) => name === agent) ?? [null, ...origin]).slice(1, 3);
+}
+
 document.querySelectorAll("[data-clip]").forEach((figure) => {
   const clip = decodeScene({ ...data.drawing, ...data.clips[figure.dataset.clip] });
   const clock = figure.querySelector("output");
   const canvases = [...figure.querySelectorAll("canvas")];
   playing(figure, clip.frames.length, clip.dt_s, (index) => {
-    const { agents, origin } = clip.frames[index];
-    const [, ...eye] = (agents.find(([name]) => name === clip.agent) ?? [null, ...origin]).slice(0, 3);
-    const view = { agent: clip.agent, eye, span: 110, layers: LAYERS };
+    const view = { agent: clip.agent, eye: placeOf(clip, index), span: 110, layers: LAYERS };
     canvases.forEach((canvas) => drawFromAbove(canvas, clip, index, clip.runs[canvas.dataset.run].tracks, view));
     clock.value = `${(clip.start_s + index * clip.dt_s).toFixed(1)} s`;
   });
@@ -224,8 +228,9 @@ document.querySelectorAll("[data-pair]").forEach((figure) => {
     canvases.forEach((canvas) => {
       const side = sides[canvas.dataset.side];
       const index = Math.min(wanted, side.frames.length - 1); // after a crash, or the episode, it stands
-      const view = { agent: side.agent, eye: pair.eye, span: 80, layers: LAYERS };
+      const view = { agent: side.agent, eye: pair.eye ?? placeOf(side, index), span: 80, layers: LAYERS };
       drawFromAbove(canvas, side, index, side.runs[0].tracks, view);
+      if (side.lies) drawLies(canvas, side, index, view);
       drawMarks(canvas, side, index, view);
     });
     clock.value = `${(pair.start_s + wanted * pair.dt_s).toFixed(1)} s`;

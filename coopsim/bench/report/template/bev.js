@@ -67,19 +67,7 @@ function drawFromAbove(canvas, scene, index, tracks, { agent, eye, span, layers 
     }
   }
   const outline = (boxes, k, grow = 0) => {
-    const [x, y] = spot(boxes, k);
-    const yaw = boxes[k + 5] * scene.turn;
-    const [cos, sin] = [Math.cos(yaw) * scale, Math.sin(yaw) * scale];
-    const [a, b] = [(boxes[k + 3] * scene.unit) / 2 + grow, (boxes[k + 4] * scene.unit) / 2 + grow];
-    const corner = (u, v) => [x + u * cos - v * sin, y - u * sin - v * cos];
-    context.beginPath();
-    context.moveTo(...corner(a, b));
-    context.lineTo(...corner(-a, b));
-    context.lineTo(...corner(-a, -b));
-    context.lineTo(...corner(a, -b));
-    context.closePath();
-    context.moveTo(...corner(a, 0));
-    context.lineTo(...corner(a * 0.4, 0));
+    traceBox(context, scene, boxes, k, spot(boxes, k), scale, grow);
     context.stroke();
   };
   if (layers.truth) {
@@ -103,6 +91,22 @@ function drawFromAbove(canvas, scene, index, tracks, { agent, eye, span, layers 
   context.fillStyle = scene.colors.text;
   context.fillRect(12, height - 14, metres * scale, 3);
   write(`${+metres.toPrecision(1)} m`, 12, height - 20);
+}
+
+/** The path of a box about a `spot` of the canvas, with a line to its front. */
+function traceBox(context, scene, boxes, k, [x, y], scale, grow = 0) {
+  const yaw = boxes[k + 5] * scene.turn;
+  const [cos, sin] = [Math.cos(yaw) * scale, Math.sin(yaw) * scale];
+  const [a, b] = [(boxes[k + 3] * scene.unit) / 2 + grow, (boxes[k + 4] * scene.unit) / 2 + grow];
+  const corner = (u, v) => [x + u * cos - v * sin, y - u * sin - v * cos];
+  context.beginPath();
+  context.moveTo(...corner(a, b));
+  context.lineTo(...corner(-a, b));
+  context.lineTo(...corner(-a, -b));
+  context.lineTo(...corner(a, -b));
+  context.closePath();
+  context.moveTo(...corner(a, 0));
+  context.lineTo(...corner(a * 0.4, 0));
 }
 
 /** Tracks in the colours of their ids, each with where it was in the last second. */
@@ -129,6 +133,48 @@ function drawTracks(context, scene, index, tracks, agent, { spot, outline, write
     const [x, y] = spot(now, k);
     write(String(id), x + 6, y - 6);
   }
+}
+
+/** Over a view from above, in the lie's colour: boxes that are claimed, filled; denied, dashed; and who lies. */
+function drawLies(canvas, scene, index, { eye, span }) {
+  const context = canvas.getContext("2d");
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  const scale = width / span;
+  const place = (x, y) => [width / 2 + (x - eye[0]) * scale, height / 2 - (y - eye[1]) * scale];
+  const { claimed, denied, stated } = scene.lies[index];
+  const boxes = (text, grow, draw) => {
+    const rows = boxesOf(text);
+    for (let k = 0; k < rows.length; k += BOX) {
+      traceBox(context, scene, rows, k, place(rows[k + 1] * scene.unit, rows[k + 2] * scene.unit), scale, grow);
+      draw();
+    }
+  };
+  context.save();
+  context.strokeStyle = context.fillStyle = scene.colors.lie;
+  context.lineWidth = 2;
+  boxes(claimed, 0.3, () => {
+    context.globalAlpha = 0.35;
+    context.fill();
+    context.globalAlpha = 1;
+    context.stroke();
+  });
+  context.setLineDash([4, 3]);
+  boxes(denied, 0.5, () => context.stroke());
+  context.setLineDash([]);
+  for (const [name, x, y] of scene.frames[index].agents) {
+    if (!(name in stated)) continue;
+    const [at, said] = [place(x, y), stated[name] ? place(...stated[name]) : place(x, y)];
+    context.beginPath();
+    context.arc(...at, 9, 0, 7);
+    context.moveTo(...at);
+    context.lineTo(...said);
+    context.moveTo(said[0] - 4, said[1] - 4);
+    context.lineTo(said[0] + 4, said[1] + 4);
+    context.moveTo(said[0] - 4, said[1] + 4);
+    context.lineTo(said[0] + 4, said[1] - 4);
+    context.stroke();
+  }
+  context.restore();
 }
 
 /** Over a view from above: messages that arrive, rings about what must not be touched, and a star where it was. */

@@ -19,7 +19,7 @@ from synthetic_results import FRAMES, LATENCIES, failed, result, results
 
 from coopsim.bench.grid.cell import Cell, Condition
 from coopsim.bench.report.bench_plots import plots
-from coopsim.bench.report.bench_report import About, render_bench_report, write_bench_report
+from coopsim.bench.report.bench_report import About, Played, render_bench_report, write_bench_report
 from coopsim.bench.report.bench_text import to_csv, to_markdown
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import mean_interval
@@ -87,7 +87,7 @@ def test_all_says_what_there_is() -> None:
     assert "40" in shown.texts("dd") and "coopsim bench --seeds 0,1,2" in shown.texts("pre")
     assert any("95 % intervals of the mean over 3 seeds, by Student's t" in text for text in shown.texts("p", "note"))
     assert "Worst moments" not in shown.texts("h2"), "no clips, no section"
-    notes = Page(render_bench_report(TABLE, ABOUT, (), ["1 clip <is> missing"])).texts("p", "note")
+    notes = Page(render_bench_report(TABLE, ABOUT, Played(notes=["1 clip <is> missing"]))).texts("p", "note")
     assert "1 clip <is> missing" in notes
 
 

@@ -1,0 +1,127 @@
+"""Pairs with a lie in a report: chosen by their cost, played side by side, with the lie marked."""
+
+from __future__ import annotations
+
+import base64
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from coopsim.bench.benchmark import benchmark
+from coopsim.bench.engine.engine import Engine
+from coopsim.bench.grid.cell import Cell, CellResult, Condition
+from coopsim.bench.grid.grid import Grid
+from coopsim.bench.report.lie_pages import lie_data, lies_section
+from coopsim.bench.report.lie_pairs import FilmedLie, film_lies, lie_pairs
+from coopsim.bench.report.publish import make_rerun, publish
+from coopsim.bench.report.scene import UNIT_M
+from coopsim.bench.results.result_table import ResultTable
+from coopsim.viz import palette
+from coopsim.viz.bev import BevRenderer
+from tests.helpers.html_page import Page
+
+GHOST = "cav_1=ghost(ahead_m=15, start_s=1)"
+GRID = Grid(("late_fusion",), attacks=("none", GHOST), seeds=(3,), frames=25)
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> list[CellResult]:
+    return benchmark(GRID, tmp_path_factory.mktemp("lies"), engine=Engine(workers=1))
+
+
+@pytest.fixture(scope="module")
+def filmed(results: list[CellResult]) -> FilmedLie:
+    (pair,) = lie_pairs(ResultTable.of(results), 5)
+    (made,), notes = film_lies([pair], make_rerun({}), 60.0)
+    assert not notes
+    return made
+
+
+def boxes(text: str) -> np.ndarray[Any, Any]:
+    return np.frombuffer(base64.b64decode(text), "<i4").reshape(-1, 6)
+
+
+def result(policy: str, attacks: str, seed: int, score: float, bound: bool = False) -> CellResult:
+    values = {"sAMOTA": score, "bytes_per_s": 9.0}
+    agents = {"cav_0": {"sAMOTA": score - 1}, "cav_1": {"sAMOTA": 0.0}, "cav_2": {"sAMOTA": 70.0}}
+    return CellResult(Cell(policy, Condition(attacks=attacks), seed, 25), values, agents, np.ones(25), bound=bound)
+
+
+def test_pairs_are_those_in_which_a_lie_costs_most_and_varied() -> None:
+    costs = {"cav_1=ghost": 20.0, "cav_1=remove": 12.0, "cav_1=stamp": -1.0}
+    made = [
+        result(policy, attacks, seed, 70.0 - costs.get(attacks, 0.0) - seed, bound=policy == "truth")
+        for policy in ("late_fusion", "truth")
+        for attacks in ("", *costs)
+        for seed in (0, 1)
+    ]
+    pairs = lie_pairs(ResultTable.of(made), 3)
+    assert [each.attacked.cell.condition.attacks for each in pairs] == ["cav_1=ghost", "cav_1=remove", "cav_1=ghost"]
+    assert {each.attacked.cell.seed for each in pairs[:2]} == {0, 1}, "what was chosen before counts less"
+    assert {each.attacked.cell.policy for each in pairs} == {"late_fusion"}, "bounds are in no pair"
+    for pair in pairs:
+        assert pair.honest.cell.condition == Condition() and pair.honest.cell.seed == pair.attacked.cell.seed
+        assert pair.receiver == "cav_0", "it lost most, and the liar does not count"
+    assert all("stamp" not in each.attacked.cell.condition.attacks for each in lie_pairs(ResultTable.of(made), 99))
+
+
+def test_without_lies_there_is_no_section() -> None:
+    table = ResultTable.of([result("late_fusion", "", 0, 50.0)])
+    assert lie_pairs(table, 5) == () and lies_section([], [], table) == ""
+
+
+def test_both_sides_are_the_same_world_and_only_one_has_the_lie(filmed: FilmedLie) -> None:
+    data = lie_data(filmed)
+    honest, attacked = data["sides"]
+    assert len(honest["frames"]) == len(attacked["frames"]) == 25
+    for one, two in zip(honest["frames"], attacked["frames"], strict=True):
+        assert one == two, "truth, agents and the receiver's points"
+    assert not any(len(boxes(each["claimed"])) or each["stated"] for each in honest["lies"])
+    lying = [len(boxes(each["claimed"])) for each in attacked["lies"]]
+    begin = round((filmed.begins_s - data["start_s"]) / data["dt_s"])
+    assert filmed.begins_s == pytest.approx(1.0) and lying == [0] * begin + [1] * (25 - begin)
+    assert set(attacked["lies"][-1]["stated"]) == {"cav_1"}
+
+
+def test_the_receiver_tracks_the_ghost_where_it_is_drawn(filmed: FilmedLie) -> None:
+    data = lie_data(filmed)
+    assert filmed.believed_s is not None and filmed.believed_s >= filmed.begins_s
+    shown = round((filmed.believed_s - data["start_s"]) / data["dt_s"])
+    honest, attacked = data["sides"]
+    (ghost,) = boxes(attacked["lies"][shown]["claimed"])
+
+    def apart_m(side: dict[str, Any]) -> float:
+        tracks = boxes(side["runs"][0]["tracks"][shown][side["agent"]])
+        return float(np.hypot(*((tracks[:, 1:3] - ghost[1:3]) * UNIT_M).T).min(initial=np.inf))
+
+    assert apart_m(attacked) <= 2.0 < apart_m(honest)
+
+
+def test_a_report_has_the_pair_with_its_legend_and_moments(results: list[CellResult], tmp_path: Path) -> None:
+    publish(tmp_path, results)
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    page = Page(text)
+    assert "Lies" in page.texts("h2") and any("claimed by the liar" in each for each in page.texts("span", "key"))
+    (begins, *others) = page.texts("button", "moment")
+    assert begins == "1.0 s the lie begins" and any("tracks what is not there" in each for each in others)
+    publish(tmp_path, [each for each in results if not each.cell.condition.attacks])
+    assert "<h2>Lies</h2>" not in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_run_that_differs_from_the_stored_one_is_told_and_not_shown(results: list[CellResult]) -> None:
+    pairs = lie_pairs(ResultTable.of(results), 1)
+    films, notes = film_lies(pairs, lambda cell, on_frame: CellResult(cell, rewards=np.ones(5)), 60.0)
+    assert not films and all("something changed" in note for note in notes)
+    assert film_lies(pairs, make_rerun({}), -1.0)[1] == ["1 pair left out, as time was up after -1 s"]
+
+
+def test_a_picture_from_above_shows_the_claim_in_its_own_colour(filmed: FilmedLie) -> None:
+    frame = next(each for each in filmed.attacked.frames if each.lies)
+    renderer = BevRenderer(filmed.attacked.road_map)
+
+    def pink(number: int) -> int:
+        return int((renderer.draw(filmed.attacked.frames[number]) == palette.LIE).all(axis=2).sum())
+
+    assert pink(filmed.attacked.frames.index(frame)) > 10 and pink(0) == 0
