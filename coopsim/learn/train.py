@@ -16,6 +16,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.learn.clips.ahead import ClipsAhead
 from coopsim.learn.clips.clip import ClipSource
 from coopsim.learn.clips.sources import LaterClips, clips_of_recipe, held_out_clips
+from coopsim.learn.loop.calibration import calibrate, judged_head
 from coopsim.learn.loop.train_loop import TrainingProgress, TrainLoop, Validate
 from coopsim.learn.loop.training_log import CARD, make_card, read_log, write_curves
 from coopsim.learn.loop.validation import HeldOut
@@ -74,10 +75,11 @@ def train(
             task = make_task(recipe, seed).to(place)
             with _batches(task, recipe, seed, source, cache, workers) as order:
                 run = {"recipe": recipe.as_data(), "seed": seed}
-                validate = validate or _held_out(task, recipe, source, cache, place)
-                loop = TrainLoop(task, recipe, order, place, folder, run, validate, show)
+                held_out = _held_out(task, recipe, source, cache, place)
+                usual = (task.validation() or held_out) if recipe.validate_every else None
+                loop = TrainLoop(task, recipe, order, place, folder, run, validate or usual, show)
                 loop.train()
-            _conclude(loop, seed)
+            _conclude(loop, seed, held_out)
     finally:
         torch.set_num_threads(threads)
     return folder / f"{recipe.name}{SUFFIX}"
@@ -135,19 +137,20 @@ def _order(task: TrainingTask, recipe: TrainingRecipe, seed: int, clips: ClipSou
 
 def _held_out(
     task: TrainingTask, recipe: TrainingRecipe, source: ClipSource | None, cache: Path | None, device: torch.device
-) -> Validate | None:
-    """Return the validation: the task's own, or samples of held-out clips."""
-    if not recipe.validate_every:
-        return None
+) -> HeldOut:
+    """Return samples of held-out clips, which are made at their first use."""
     clips = held_out_clips(recipe, cache) if source is None else LaterClips(source)
-    return task.validation() or HeldOut(task, clips, recipe.held_out, device)
+    return HeldOut(task, clips, recipe.held_out, device)
 
 
-def _conclude(loop: TrainLoop, seed: int) -> None:
-    """Write weights, card and curves of a training that has ended."""
+def _conclude(loop: TrainLoop, seed: int, held_out: HeldOut) -> None:
+    """Calibrate the scores of a training that has ended, and write weights, card and curves."""
     recipe, task, folder = loop.recipe, loop.task, loop.folder
     parameters = sum(each.numel() for each in task.net.parameters() if each.requires_grad)
     card: dict[str, Any] = make_card(recipe, seed, loop.device, parameters, read_log(folder))
+    if (head := judged_head(loop.average.net)) is not None:
+        head.uncalibrate()
+        card["calibration"] = calibrate(head, held_out.maps(loop.average.net))
     card["weights"] = {}
     for file in task.files(loop.average.net, recipe.name):
         path = folder / f"{file.name}{SUFFIX}"

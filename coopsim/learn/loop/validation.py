@@ -37,33 +37,39 @@ class HeldOut:
 
     def __call__(self, net: nn.Module) -> Mapping[str, float]:
         """Return the task's values by name, or average precisions in BEV of vehicles and of people."""
-        if not self._batches:
-            for index in range(self._clips):
-                samples = self._task.cut_held_out(self._source.clip(index), stream(0, "training.held_out", str(index)))
-                self._batches += [self._task.collate([sample]) for sample in samples]
-        batches = [to_device(batch, self._device) for batch in self._batches]
-        values = self._task.evaluate(net, batches)
+        values = self._task.evaluate(net, self._on_device())
         if values is not None:
             return values
-        maps = [each for batch in batches for each in self._task.find(net, batch)]
+        maps = self.maps(net)
         return {
             "AP@0.5": precision_of(maps, VEHICLES, 0.5),
             "AP@0.7": precision_of(maps, VEHICLES, 0.7),
             "people AP@0.3": precision_of(maps, PEOPLE, 0.3),
         }
 
+    def maps(self, net: nn.Module) -> list[FoundMap]:
+        """Return what a network finds in the held-out maps."""
+        return [each for batch in self._on_device() for each in self._task.find(net, batch)]
+
+    def _on_device(self) -> list[Any]:
+        if not self._batches:
+            for index in range(self._clips):
+                samples = self._task.cut_held_out(self._source.clip(index), stream(0, "training.held_out", str(index)))
+                self._batches += [self._task.collate([sample]) for sample in samples]
+        return [to_device(batch, self._device) for batch in self._batches]
+
 
 def precision_of(maps: Sequence[FoundMap], labels: Sequence[int], iou: float) -> float:
     """Return the average precision in BEV of the detections in maps, of the classes with these labels."""
     found, truth = [], []
     for each in maps:
-        kept = np.isin(each.detections.label, labels) & ~_doubtful(each)
+        kept = np.isin(each.detections.label, labels) & ~doubtful(each)
         found.append((Boxes3D.from_array(each.detections.boxes.array[kept]), each.detections.score[kept]))
-        truth.append(_true_boxes(each.targets.to("cpu"), each.grid, labels))
+        truth.append(true_boxes(each.targets.to("cpu"), each.grid, labels))
     return average_precision_of(found, truth, iou, view="BEV")
 
 
-def _doubtful(each: FoundMap) -> NDArray[np.bool_]:
+def doubtful(each: FoundMap) -> NDArray[np.bool_]:
     """Return flags (N,) of detections near objects that hardly show, which count neither way."""
     grid, ignored = each.grid, each.targets.ignored[0].cpu().numpy()
     xy = each.detections.boxes.array[:, :2]
@@ -73,7 +79,7 @@ def _doubtful(each: FoundMap) -> NDArray[np.bool_]:
     return flags
 
 
-def _true_boxes(targets: Targets, grid: BevGrid, labels: Sequence[int]) -> Boxes3D:
+def true_boxes(targets: Targets, grid: BevGrid, labels: Sequence[int]) -> Boxes3D:
     """Return the boxes of the objects whose centres lie in a map."""
     cells = targets.cell % (grid.shape[0] * grid.shape[1])
     centres = (targets.weight == 1) & torch.isin(targets.label, torch.tensor(labels))

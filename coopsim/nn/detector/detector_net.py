@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -194,6 +193,10 @@ class JudgedHead(nn.Module):
             code: Tensor = self.code_of(shared_at.float())
         return code
 
+    def uncalibrate(self) -> None:
+        """Let scores be as the network gives them."""
+        self.get_buffer("calibration").copy_(torch.tensor([[1.0, 0.0]] * 3))
+
     def judged(self, boxes: Tensor, score: Tensor, group: Tensor, patches: Tensor) -> tuple[Tensor, Tensor]:
         """Return boxes (N, 7) the right way round, and calibrated scores (N,).
 
@@ -208,8 +211,7 @@ class JudgedHead(nn.Module):
         """
         forward, fits = self.judge(patches)
         logit = torch.logit(torch.sqrt(score * fits.sigmoid()), 1e-6)
-        calibration: Any = self.calibration
-        slope, shift = calibration[group].unbind(1)
+        slope, shift = self.get_buffer("calibration")[group].unbind(1)
         yaw = boxes[:, 6] + torch.pi * (forward < 0)
         turned = torch.atan2(torch.sin(yaw), torch.cos(yaw))
         return torch.cat([boxes[:, :6], turned[:, None]], dim=1), torch.sigmoid(slope * logit + shift)

@@ -66,7 +66,13 @@ def test_errors_come_with_their_text() -> None:
 
 def test_arrays_and_tensors_pass_a_pipe_unchanged_and_writable() -> None:
     rows = np.arange(12.0).reshape(3, 4)
-    sent: dict[str, Any] = {"array": rows, "turned": rows.T[::2], "tensor": torch.arange(5) > 2, "none": torch.zeros(0, 3), "text": "a"}
+    sent: dict[str, Any] = {
+        "array": rows,
+        "turned": rows.T[::2],
+        "tensor": torch.arange(5) > 2,
+        "none": torch.zeros(0, 3),
+        "text": "a",
+    }
     inlet, outlet = (os.fdopen(each, mode, buffering=0) for each, mode in zip(os.pipe(), ("rb", "wb"), strict=True))
     with inlet, outlet:
         send(outlet, sent)
