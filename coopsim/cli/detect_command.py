@@ -14,6 +14,7 @@ from coopsim.cli.arguments import (
     FAILED,
     INTERRUPTED,
     Command,
+    add_attack,
     add_device,
     add_dry_run,
     add_noises,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from coopsim.bench.detect.detect_plan import DetectPlan
 
 _FLAGS = {
+    "attacks": "--attack",
     "latency_s": "--latencies-ms",
     "position_noise_m": "--position-noises-m",
     "heading_noise_rad": "--heading-noises-deg",
@@ -69,6 +71,7 @@ def _add_detect(parser: argparse.ArgumentParser) -> None:
     instead = "--position-noises-m and --heading-noises-deg with --pose together"
     add_old_name(parser, "--noise", latencies, dest="noises", type=noises, metavar=instead)
     parser.set_defaults(noises=())
+    add_attack(parser, "agents that lie, a row; several times: several rows, of which `none` is honest")
     add("--protocol", default="coopsim", help="coopsim, opencood, dair, nuscenes or v2x-real (default: %(default)s)")
     add("--within-m", type=float, help="objects and boxes up to this far from the receiver (default: the region)")
     add(
@@ -158,9 +161,10 @@ def _run_detect(options: argparse.Namespace) -> int:
 def _plan(options: argparse.Namespace) -> DetectPlan:
     from coopsim.bench.detect.detect_plan import DetectPlan
 
-    named = [each.name for each in fields(DetectPlan) if each.name not in ("options", "noises")]
+    named = [each.name for each in fields(DetectPlan) if each.name not in ("options", "noises", "attacks")]
     given = {name: getattr(options, name) for name in named}
-    return DetectPlan(**given, noises=_noises(options), options=named_options(options, _FLAGS))
+    own = {"noises": _noises(options), "attacks": tuple(options.attack)}
+    return DetectPlan(**given, **own, options=named_options(options, _FLAGS))
 
 
 def _noises(options: argparse.Namespace) -> tuple[tuple[float, float], ...]:
@@ -203,6 +207,7 @@ DETECT = Command(
     (
         "coopsim detect --policies no_fusion,late_fusion,attfuse --seeds 0-4 --json detect.json",
         "coopsim detect --policies late_fusion --position-noises-m 0,0.4 --heading-noises-deg 0,0.4 --pose together",
+        "coopsim detect --policies no_fusion,late_fusion --attack none --attack 'cav_1=ghost(ahead_m=15)'",
         "coopsim detect --policies no_fusion,attfuse --latencies-ms 0,200 --dry-run",
     ),
 )

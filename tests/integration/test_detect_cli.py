@@ -140,6 +140,23 @@ def test_rows_are_the_same_for_any_number_of_processes(tmp_path: Path) -> None:
     assert found[0] == found[1]
 
 
+def test_rows_under_attack_have_lower_precision_and_the_same_receivers(
+    here: list[DetectJob], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lies = ["none", "cav_1=ghost", "cav_1=shift(aside_m=3)"]
+    asked = [word for lie in lies for word in ("--attack", lie)]
+    rows = _detect(tmp_path / "out.json", "--seeds", "0", "--frames", "6", *asked, "--table")
+    by = {(row["policy"], row["attacks"]): row for row in rows}
+    assert [row["attacks"] for row in rows[::2]] == lies and len(here) == 6
+    assert {row["receiver_frames"] for row in rows} == {2 * 6}, "the liar is no receiver, in the honest row neither"
+    assert len({row["objects"] for row in rows}) == 1, "the world is the same"
+    honest, ghost, shift = (by["late_fusion", lie] for lie in lies)
+    assert ghost["APBEV@0.5"] < honest["APBEV@0.5"] and ghost["false_per_frame"] > honest["false_per_frame"]
+    assert shift["APBEV@0.5"] < honest["APBEV@0.5"]
+    assert len({by["no_fusion", lie]["APBEV@0.5"] for lie in lies}) == 1, "nobody is heard"
+    assert "attacks" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("typed", "told"),
     [
@@ -151,6 +168,11 @@ def test_rows_are_the_same_for_any_number_of_processes(tmp_path: Path) -> None:
         (["--receivers", "car"], "cars"),
         (["--boxes", "track"], "tracks"),
         (["--option", "latency_s=0.1"], "--latencies-ms"),
+        (["--attack", "cav_1=gost"], "ghost"),
+        (["--attack", "cav_9=ghost"], "cav_9"),
+        (["--attack", "cav_1=point_ghost"], "'point_ghost' lies in points or features or queries"),
+        (["--attack", "cav_0=ghost + cav_1=ghost + cav_2=ghost"], "an agent that does not lie"),
+        (["--option", "attacks=cav_1=ghost"], "--attack"),
         (["--option", "lidr=VLP-16"], "lidar"),
         (["--detector", "pilars"], "detector"),
         (["--frame", "3"], "--frames"),

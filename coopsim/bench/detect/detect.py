@@ -79,6 +79,7 @@ def row_of(
         "protocol": plan.protocol,
         "noise": disturbance.noise,
         "delay_ms": disturbance.delay_ms,
+        "attacks": "none" if disturbance.attacks == "" else disturbance.attacks,
         "options": dict(options),
         "seeds": list(plan.seeds),
         "receivers": plan.receivers,
@@ -154,7 +155,7 @@ def _ms(episodes: Sequence[Perceived]) -> dict[str, float]:
     }
 
 
-_ABOUT = ("policy", "environment", "noise", "delay_ms")
+_ABOUT = ("policy", "environment", "noise", "delay_ms", "attacks")
 _NUMBERS: dict[str, tuple[str, ...]] = {
     "coopsim": (
         "APBEV@0.5 5_returns", "APBEV@0.7 5_returns", "APBEV@0.5", "APBEV@0.7", "false_per_frame",

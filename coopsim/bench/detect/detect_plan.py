@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import coopsim
-from coopsim.bench.detect.episode import BOXES, RECEIVERS, Boxes, Pace, Receivers, pace_of, perceive_episode, receiving
+from coopsim.attacks.attack_option import attacks_by_agent, spell_attacks
+from coopsim.bench.detect.episode import Boxes, Pace, Receivers, Selection, pace_of, perceive_episode, receiving
 from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.detect.protocols import PROTOCOLS
 from coopsim.bench.engine.job import traceback_of
@@ -33,7 +34,6 @@ from coopsim.errors import InvalidValueError
 from coopsim.support.checks import (
     MOST_RUNS,
     as_runs,
-    require_choice,
     require_count,
     require_non_negative,
     require_positive,
@@ -43,16 +43,17 @@ from coopsim.support.rng import require_seed
 
 @dataclass(frozen=True, slots=True, order=True)
 class Disturbance:
-    """Noise of all agents' poses and delay of all messages in a row; None where the environment's own holds."""
+    """Noise of all agents' poses, delay of all messages and lies in a row; None where the environment's own holds."""
 
     position_noise_m: float | None = None
     heading_noise_deg: float | None = None
     delay_ms: float | None = None
+    attacks: str | None = None
 
     @property
-    def options(self) -> dict[str, float]:
+    def options(self) -> dict[str, Any]:
         """Options of the environment that make it."""
-        made: dict[str, float] = {}
+        made: dict[str, Any] = {"attacks": self.attacks} if self.attacks else {}
         if self.position_noise_m is not None and self.heading_noise_deg is not None:
             made["position_noise_m"] = self.position_noise_m
             made["heading_noise_rad"] = math.radians(self.heading_noise_deg)
@@ -75,8 +76,7 @@ class DetectJob:
     seed: int
     options: Mapping[str, Any]
     pace: Pace
-    receivers: Receivers = "cars"
-    boxes: Boxes = "detections"
+    selection: Selection = Selection()
 
     @cached_property
     def decided_by(self) -> str:
@@ -84,8 +84,9 @@ class DetectJob:
         return self._fingerprint()
 
     def _fingerprint(self) -> str:
-        cell = Cell(self.policy.text, Condition(self.environment), self.seed, self.pace.cycles)
-        measured = {**asdict(self.pace), "receivers": self.receivers, "boxes": self.boxes}
+        condition = Condition(self.environment, attacks=self.options.get("attacks", ""))
+        cell = Cell(self.policy.text, condition, self.seed, self.pace.cycles)
+        measured = {**asdict(self.pace), **self.selection.as_dict()}
         return fingerprint(cell, {**self.options, "detect": measured}, self.policy)
 
     @property
@@ -103,8 +104,8 @@ class DetectJob:
         return self.lost(f"{changed} changed since the command began, or differs here") if changed else outcome
 
     def _perceive(self) -> Perceived:
-        policy, how = self.policy.make(), (self.pace, self.receivers, self.boxes)
-        return perceive_episode(policy, self.environment, self.seed, self.options, *how)
+        policy = self.policy.make()
+        return perceive_episode(policy, self.environment, self.seed, self.options, self.pace, self.selection)
 
     def died(self, how: str) -> DetectOutcome:
         """Return the outcome where the process died."""
@@ -143,6 +144,8 @@ class DetectPlan:
         frames: measured frames of an episode.
         noises: (m, degrees) of all agents' poses, a row each; empty: the environment's own.
         delays_ms: delays of messages, a row each; empty: the environment's own.
+        attacks: lies of agents, a row each, as the environments' option `attacks`; empty text: all are honest. Agents
+            that lie in any of them are no receivers, so that all rows have the same.
         every_s: least time between two measured frames.
         detector: detector of policies that detect nothing themselves; None: `LEARNED_DETECTOR` if it can be used, else
             the environment's default.
@@ -164,6 +167,7 @@ class DetectPlan:
     frames: int = 20
     noises: tuple[tuple[float, float], ...] = ()
     delays_ms: tuple[float, ...] = ()
+    attacks: tuple[str, ...] = ()
     every_s: float = 0.5
     detector: str | None = None
     receivers: Receivers = "cars"
@@ -183,8 +187,8 @@ class DetectPlan:
         object.__setattr__(self, "policies", tuple(policy_on(self.device, text) for text in self.policies))
         require_count(1, frames=self.frames)
         require_positive(every_s=self.every_s)
-        require_choice("receivers", self.receivers, RECEIVERS)
-        require_choice("boxes", self.boxes, BOXES)
+        object.__setattr__(self, "attacks", tuple(dict.fromkeys(map(spell_attacks, self.attacks))))
+        Selection(self.receivers, self.boxes)
         PROTOCOLS.get(self.protocol)
         if self.within_m is not None:
             require_positive(within_m=self.within_m)
@@ -198,10 +202,17 @@ class DetectPlan:
 
     @property
     def disturbances(self) -> list[Disturbance]:
-        """Every noise with every delay."""
+        """Every noise with every delay and all lies."""
         noises: tuple[tuple[float | None, float | None], ...] = self.noises or ((None, None),)
         delays: tuple[float | None, ...] = self.delays_ms or (None,)
-        return [Disturbance(*noise, delay_ms) for noise in noises for delay_ms in delays]
+        lies: tuple[str | None, ...] = self.attacks or (None,)
+        return [Disturbance(*noise, delay_ms, lie) for lie in lies for noise in noises for delay_ms in delays]
+
+    @cached_property
+    def selection(self) -> Selection:
+        """The measured receivers and boxes."""
+        liars = dict.fromkeys(name for lie in self.attacks for name in attacks_by_agent(lie))
+        return Selection(self.receivers, self.boxes, tuple(liars))
 
     @cached_property
     def specs(self) -> dict[str, PolicySpec]:
@@ -221,13 +232,14 @@ class DetectPlan:
         return None if device is None else arithmetic_on(device)
 
     def check(self) -> None:
-        """Make every policy in the first environment, and every environment for the first policy.
+        """Make every policy in the first environment under all lies, and every environment for the first policy.
 
         Raises:
             CoopsimError: a name is unknown or a value is not accepted; the message says what is accepted.
         """
-        policies, first, last = list(self.specs), self.disturbances[0], self.disturbances[-1]
-        met = [(text, self.environments[0], first) for text in policies]
+        policies, last = list(self.specs), self.disturbances[-1]
+        lying = {each.attacks: each for each in reversed(self.disturbances)}.values()
+        met = [(text, self.environments[0], each) for each in lying for text in policies]
         met += [(policies[0], environment, last) for environment in self.environments]
         for text, environment, disturbance in met:
             options, _ = self._episode(text, environment, disturbance)
@@ -236,7 +248,7 @@ class DetectPlan:
                 raise InvalidValueError(f"policies must detect, got {text!r}, which is told the truth")
             env = listening_env(environment, policy, options)
             try:
-                receiving(env, self.receivers)
+                receiving(env, self.selection)
             finally:
                 env.close()
 
@@ -244,7 +256,7 @@ class DetectPlan:
         """Return the episodes of a row, one for each seed."""
         options, pace = self._episode(policy, environment, disturbance)
         spec = self.specs[policy]
-        return [DetectJob(spec, environment, seed, options, pace, self.receivers, self.boxes) for seed in self.seeds]
+        return [DetectJob(spec, environment, seed, options, pace, self.selection) for seed in self.seeds]
 
     def rows(self) -> Iterator[tuple[str, str, Disturbance]]:
         """Yield policy, environment and disturbance of each row: the disturbances one after another."""

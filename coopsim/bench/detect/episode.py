@@ -7,7 +7,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -153,14 +153,39 @@ Boxes = Literal["detections", "tracks"]
 RECEIVERS, BOXES = ("cars", "all"), ("detections", "tracks")
 
 
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """Receivers and boxes that are measured.
+
+    Attributes:
+        receivers: "cars", or "all" agents.
+        boxes: "detections", or the reported "tracks".
+        without: names of agents that are no receivers here.
+
+    Raises:
+        UnknownNameError: `receivers` or `boxes` is not accepted.
+    """
+
+    receivers: Receivers = "cars"
+    boxes: Boxes = "detections"
+    without: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        require_choice("receivers", self.receivers, RECEIVERS)
+        require_choice("boxes", self.boxes, BOXES)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the fields by name, `without` only where it names any: keys are made from them."""
+        return {name: value for name, value in asdict(self).items() if name != "without" or value}
+
+
 def perceive_episode(
     policy: Policy,
     environment: str,
     seed: int,
     options: Mapping[str, Any],
     pace: Pace,
-    receivers: Receivers = "cars",
-    boxes: Boxes = "detections",
+    selection: Selection | None = None,
 ) -> Perceived:
     """Run a policy through one episode, and collect what its receivers perceived and what was there.
 
@@ -170,13 +195,13 @@ def perceive_episode(
     Raises:
         CoopsimError: a name is unknown or a value is not accepted; the message says what is accepted.
     """
-    require_choice("boxes", boxes, BOXES)
+    selection = selection or Selection()
     clock = PartClock(policy)
     made = {**options, "max_cycles": pace.cycles, "expose_ground_truth": True}
     env = listening_env(environment, policy, made)
     try:
         pace = pace_in(environment, env, pace)
-        names = receiving(env, receivers)
+        names = receiving(env, selection)
         observations, infos = env.reset(seed=seed)
         policy.reset(env.agent_specs, seed=derived_seed(seed, "policy"))
         found: list[Detections] = []
@@ -190,7 +215,7 @@ def perceive_episode(
                 measured += 1
                 there = [name for name in names if name in observations]  # a recording need not have all
                 for name in (each for each in there if observations[each].get("sensed", 1)):
-                    seen = _detections(policy, name, actions[name], boxes)
+                    seen = _detections(policy, name, actions[name], selection.boxes)
                     found.append(_without_itself(seen) if env.agent_specs[name].is_object else seen)
                     truth.append(_truth(infos[name]["ground_truth"]))
             with clock.part("environment"):
@@ -214,14 +239,20 @@ def pace_in(environment: str, env: CooperativeEnv, pace: Pace) -> Pace:
     return replace(pace, warm_up=0) if alone else pace
 
 
-def receiving(env: CooperativeEnv, receivers: str) -> list[str]:
+def receiving(env: CooperativeEnv, selection: Selection) -> list[str]:
     """Return the names of the measured agents.
 
     Raises:
-        CoopsimError: `receivers` is not one of `RECEIVERS`, or there is no such agent.
+        InvalidValueError: there is no such agent.
     """
-    require_choice("receivers", receivers, RECEIVERS)
-    names = [name for name, spec in env.agent_specs.items() if receivers == "all" or spec.kind == "cav"]
+    everyone = selection.receivers == "all"
+    cars = [name for name, spec in env.agent_specs.items() if everyone or spec.kind == "cav"]
+    names = [name for name in cars if name not in selection.without]
+    if cars and not names:
+        raise InvalidValueError(
+            f"receivers must have an agent that does not lie, and {', '.join(cars)} do. Accepted: receivers 'all', or "
+            "fewer liars"
+        )
     if not names:
         kinds = ", ".join(sorted({spec.kind for spec in env.agent_specs.values()}))
         raise InvalidValueError(f"receivers 'cars' need a connected car, and the agents are: {kinds}. Accepted: 'all'")

@@ -60,7 +60,7 @@ def draw_measured(plan: DetectPlan, episodes: Path, out: Path) -> Iterator[Path]
 def _draw_episode(job: DetectJob, perceived: Perceived, out: Path, reach_m: float) -> Iterator[Path]:
     options = {name: value for name, value in job.options.items() if name not in ("detector", "embedder")}
     with closing(parallel_env(job.environment, detector="none", expose_ground_truth=True, **options)) as env:
-        pace, names, row = pace_in(job.environment, env, job.pace), receiving(env, job.receivers), 0
+        pace, names, row = pace_in(job.environment, env, job.pace), receiving(env, job.selection), 0
         for number, frame in enumerate(env.frames(job.seed)):
             measured = not frame.last and pace.measures(number)
             for name in (each for each in names if measured and each in frame.agents):

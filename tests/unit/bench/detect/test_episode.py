@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import coopsim
-from coopsim.bench.detect.episode import Pace, perceive_episode
+from coopsim.bench.detect.episode import Pace, Selection, perceive_episode
 from coopsim.bench.detect.perceived import Perceived, PerceivedFiles
 from coopsim.errors import InvalidValueError, StoreError
 from coopsim.types import Observation, Tracks
@@ -57,12 +57,13 @@ def test_with_replay_the_newest_moment_counts() -> None:
 
 
 def test_tracks_can_be_measured_instead() -> None:
-    tracks = _perceived("late_fusion", boxes="tracks")
+    tracks = _perceived("late_fusion", selection=Selection(boxes="tracks"))
     assert len(tracks.found_score) != len(_perceived("late_fusion").found_score)
 
 
 def test_masts_are_receivers_where_all_are() -> None:
-    assert _perceived("no_fusion", receivers="all").receiver_frames == 12
+    assert _perceived("no_fusion", selection=Selection("all")).receiver_frames == 12
+    assert _perceived("no_fusion", selection=Selection("all", without=("cav_1",))).receiver_frames == 9
 
 
 def test_receivers_must_be_there() -> None:
