@@ -32,7 +32,7 @@ def _add_train(parser: argparse.ArgumentParser) -> None:
         "environments",
         nargs="*",
         metavar="ENVIRONMENT",
-        help="in the place of the recipe's: folders of recordings with sweeps, as of a data set; town; scenario files",
+        help="folders of recordings with sweeps, town or scenario files, instead of the recipe's",
     )
     add("--start", metavar="WEIGHTS", help="begin with these, by name or path, as pillars (default: the recipe's)")
     add("--out", type=Path, required=True, metavar="DIR", help="for checkpoint, weights, card, log and curves")

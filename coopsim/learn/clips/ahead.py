@@ -34,7 +34,7 @@ _PROGRAM = "from coopsim.learn.clips.ahead import serve; serve()"
 
 
 class Maker(Protocol):
-    """What workers make: a picklable object, whose class can be imported."""
+    """Source of what workers make: a picklable object, whose class can be imported."""
 
     def make(self, first: int, stride: int) -> Iterator[Any]:
         """Yield without end what has the numbers first, first + stride, and so on."""
@@ -72,7 +72,7 @@ class Workers:
     Args:
         maker: makes what is asked for.
         count: number of processes.
-        ahead: how many finished things each worker keeps ready, besides the one that it is making; 0: as many as there
+        ahead: number of finished things each worker keeps ready, besides the one that it is making; 0: as many as there
             are up to one that `ends` is true for.
         ends: tells the last thing of a group.
     """
