@@ -19,7 +19,7 @@ from coopsim.testing import check_fusion
 
 @FUSIONS.register("gated")
 class GatedSum(FeatureFusion):
-    """Add what others report, as far as a gate lets it through that sees both maps."""
+    """Add the others' features, weighted by a gate computed from both maps."""
 
     def __init__(self, features: int = 64) -> None:
         super().__init__()
