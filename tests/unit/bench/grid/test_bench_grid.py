@@ -170,17 +170,18 @@ def test_a_file_loses_nothing_and_what_is_given_goes_before_it(tmp_path: Path) -
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_every_preset_can_be_run(name: str) -> None:
-    if name in ("paper", "safety_networks"):
+    reads_sweeps = name in ("paper", "safety_networks", "lies_places", "lies_networks")
+    if reads_sweeps and name != "lies_places":
         pytest.importorskip("torch")
     few = {} if name.startswith("safety") else {"vehicles": 6}
-    blind = {} if name in ("paper", "safety_networks") else {"lidar": None}
+    blind = {} if reads_sweeps else {"lidar": None}
     grid = find_grid(name, options=few | blind).grid()
     require_count(6, policies=len(grid.policies))
     check(grid)
 
 
 def test_presets_are_what_they_are_called() -> None:
-    disturbing = {"bandwidth", "latency", "lies", "loss", "pose"}
+    disturbing = {"bandwidth", "latency", "lies", "lies_networks", "lies_places", "loss", "pose"}
     assert set(PRESETS) == disturbing | {"paper", "quick", "safety", "safety_networks"}
     latency, pose, quick = (find_grid(name).grid() for name in ("latency", "pose", "quick"))
     assert (min(latency.latencies_ms), max(latency.latencies_ms)) == (0, 500)
