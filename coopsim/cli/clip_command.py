@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from coopsim.cli.arguments import (
     Command,
     add_all_grids,
+    add_device,
     add_options,
     count,
     named_options,
@@ -39,6 +40,7 @@ def _add_clip(parser: argparse.ArgumentParser) -> None:
     run.add_argument("--sharing", type=policy, default="late_fusion(delayed=replay)", metavar="B", help="%(default)s")
     run.add_argument("--seeds", type=seeds, default=_FIRST_SEEDS, metavar="1000-1039", help="to try, in order")
     run.add_argument("--latency-ms", type=float, default=0.0, help="delay of every message (default: 0)")
+    add_device(run)
     add_options(run, "of the environment")
 
 
@@ -86,6 +88,7 @@ def _of_situation(options: argparse.Namespace) -> tuple[Pair, Any]:
 
     grid = Grid(
         (options.alone, options.sharing),
+        device=options.device,
         scenarios=(options.of,),
         latencies_ms=(options.latency_ms,),
         seeds=options.seeds,

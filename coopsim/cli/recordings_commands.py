@@ -12,6 +12,7 @@ from coopsim.cli.arguments import (
     FAILED,
     INTERRUPTED,
     Command,
+    add_device,
     add_isolation,
     add_options,
     as_json,
@@ -39,6 +40,7 @@ def _add_recordings(parser: argparse.ArgumentParser) -> None:
         help="of text files: each name is one agent; boxes are in the frame of the first",
     )
     add("--detector", metavar="NAME", help="of recordings with sweeps (default: pillars)")
+    add_device(parser)
     add("--sequences", type=names, metavar="A,B", help="names of sequences (default: all)")
     add("--frames", type=count, help="of each sequence with sweeps (default: all)")
     add("--latency-ms", type=float, default=0.0, help="of every message (default: %(default)s)")
@@ -53,7 +55,7 @@ def _replay_options(options: argparse.Namespace) -> dict[str, Any]:
     flags = {"detector": "--detector", "max_cycles": "--frames", "latency_s": "--latency-ms"}
     flags |= {name: f"--{name.replace('_', '-')}" for name in ("path", "detections", "sequences", "match_iou")}
     given = {
-        "detector": options.detector,
+        "detector": _detector(options),
         "sequences": options.sequences,
         "max_cycles": options.frames,
         "odometry": options.odometry,
@@ -67,6 +69,16 @@ def _replay_options(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
+def _detector(options: argparse.Namespace) -> str | None:
+    """Return the detector of sweeps with its device; None: the environment's, or boxes come from text files."""
+    from coopsim.bench.grid.policies import detector_on, require_device
+
+    require_device(options.device)
+    of_sweeps = "pillars" if options.device != "cpu" and options.detections is None else None
+    detector: str | None = detector_on(options.device, options.detector or of_sweeps)
+    return detector
+
+
 def _add_replay(parser: argparse.ArgumentParser) -> None:
     _add_recordings(parser)
     add = parser.add_argument
@@ -76,13 +88,15 @@ def _add_replay(parser: argparse.ArgumentParser) -> None:
 
 def _run_replay(options: argparse.Namespace) -> int:
     from coopsim.bench.evaluate import evaluate_recordings
+    from coopsim.bench.grid.policies import policy_on
     from coopsim.bench.report.bench_text import format_table, score_row
     from coopsim.bench.results.result_table import named
 
     if options.json is not None:
         require_writable(options.json)
-    result = evaluate_recordings(options.policy, options.path, options.detections, **_replay_options(options))
-    protocols, policy = {"count": result.count, "ignore": result.ignore}, named(options.policy, bound=result.bound)
+    given, on_device = _replay_options(options), policy_on(options.device, options.policy)
+    result = evaluate_recordings(on_device, options.path, options.detections, **given)
+    protocols, policy = {"count": result.count, "ignore": result.ignore}, named(on_device, bound=result.bound)
     print(
         format_table(
             [
@@ -122,15 +136,16 @@ def _add_leaderboard(parser: argparse.ArgumentParser) -> None:
 def _run_leaderboard(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
+    from coopsim.bench.grid.policies import policy_on
     from coopsim.bench.isolated.isolation import Isolation
     from coopsim.bench.leaderboard import evaluate_each
     from coopsim.catalog import policies_on_boxes
     from coopsim.support.files import make_folder
 
     make_folder(options.out)
-    ranked = options.policies or policies_on_boxes()
     isolation = Isolation.of(options.isolate, options.salt)
     given = _replay_options(options)
+    ranked = [policy_on(options.device, text) for text in options.policies or policies_on_boxes()]
     each = evaluate_each(options.path, options.detections, ranked, isolation=isolation, **given)
     results: dict[str, RecordingsEvaluation] = {}
     failed = 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 pytest.importorskip("torch")
 
 import torch
+from tiny_recordings import WORLD_SE3_BASES, boxes, write_opv2v
 from torch.utils.data import DataLoader
 
 import coopsim
@@ -122,6 +124,29 @@ def test_a_loader_gives_batches_with_points_in_the_boxes() -> None:
         over = np.abs(own[:, 2] - z) < high / 2
         inside += int(((np.abs(turned) < [long / 2, wide / 2]).all(axis=1) & over).sum())
     assert inside > 50
+
+
+def test_recordings_give_a_sample_for_each_car_and_frame(tmp_path: Path) -> None:
+    """The other car's points are placed by the poses of the files, and the labels are in the receiver's frame."""
+    frames = CooperativeFrames(write_opv2v(tmp_path) / "train", max_cycles=2)
+    samples = list(frames)
+    assert len(samples) >= 4 and len(samples) % 2 == 0
+    assert all(int(sample["record_len"]) == 2 for sample in samples)
+    first, z_m = samples[0], Layout().origin_z_m
+    own = boxes(0).center @ WORLD_SE3_BASES[0].rotation + WORLD_SE3_BASES[0].inverse().translation
+    found = first["object_bbx_center"][first["object_bbx_mask"].bool()].numpy()
+    gaps = np.linalg.norm(own[:, None, :2] - found[None, :, :2], axis=2)
+    assert len(found) and gaps.min(axis=0).max() < 0.1
+    into_first = WORLD_SE3_BASES[0].inverse().compose(WORLD_SE3_BASES[1])
+    matrix = first["pairwise_t_matrix"].reshape(5, 5, 4, 4)[1, 0].numpy()
+    np.testing.assert_allclose(matrix[:3, 3], into_first.apply(np.array([0, 0, z_m])) - [0, 0, z_m], atol=0.05)
+
+
+def test_recordings_and_the_simulator_give_the_same_keys(tmp_path: Path) -> None:
+    recorded = next(iter(CooperativeFrames(write_opv2v(tmp_path) / "train", max_cycles=1)))
+    simulated = next(iter(CooperativeFrames("crossing", **SIMPLE)))
+    assert recorded.keys() == simulated.keys()
+    assert recorded["processed_lidar"].keys() == simulated["processed_lidar"].keys()
 
 
 def test_workers_share_the_episodes() -> None:
