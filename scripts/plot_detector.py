@@ -84,7 +84,7 @@ def draw(every: dict[str, Matches]) -> str:
             panel(next(axes), every)
         for name in ("found", "score", "along", "across", "up", "yaw"):
             _over_time(next(axes), every, name)
-        figure.suptitle("Black: real. Blue: fitted. Orange: default. Errors: median and middle 68 % and 95 %.")
+        figure.suptitle("Black: real. Blue: fitted. Orange: simulated. Errors: median and middle 68 % and 95 %.")
         text = io.StringIO()
         figure.savefig(text, format="svg", metadata={"Date": None, "Creator": "coopsim"})
     return text.getvalue()

@@ -183,6 +183,7 @@ def figure(measured: Sequence[Measured], titles: dict[str, list[str]]) -> str:
             elif points:
                 panel.plot(*zip(*points, strict=True), f"o{style}", color=color, ms=4, label=title)
         panel.set_xscale("log")
+        panel.xaxis.set_major_formatter("{x:,.0f}")  # numbers as text: formulas would show their source
         panel.set(xlabel="bytes a second, of each sender", ylabel="APBEV@0.5, vehicles")
         panel.grid(alpha=0.25)
         panel.legend(fontsize=7, frameon=False)
