@@ -175,7 +175,7 @@ def _cut(pair: LiePair, honest: Film, attacked: Film) -> FilmedLie:
         first,
         min(last, max(len(honest.frames), len(attacked.frames))),
         attacked.frames[begin].time_ns / NS_PER_S,
-        _first_s(attacked, lambda frame: _is_believed(frame, pair.receiver)),
+        _first_s(attacked, lambda frame: _is_tracked(frame, pair.receiver)),
         _first_s(attacked, lambda frame: _is_lost(frame, pair.receiver)),
     )
 
@@ -184,7 +184,7 @@ def _first_s(film: Film, holds: Callable[[BevFrame], bool]) -> float | None:
     return next((frame.time_ns / NS_PER_S for frame in film.frames if holds(frame)), None)
 
 
-def _is_believed(frame: BevFrame, receiver: str) -> bool:
+def _is_tracked(frame: BevFrame, receiver: str) -> bool:
     claimed = joined(frame.lies, lambda lie: lie.claimed)
     made_up = claimed[~near(claimed, frame.actors.boxes)]
     return receiver in frame.tracks and bool(near(made_up, frame.tracks[receiver].boxes).any())
