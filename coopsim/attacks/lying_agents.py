@@ -77,7 +77,8 @@ class LyingAgents:
         for name in lying:
             for attack in self._agents[name].attacks:
                 _require_content(attack, uplink, name)
-        return LyingUplink(uplink, self._content) if lying and isinstance(uplink, ContentUplink) else uplink
+        changes = any(_changes(attack, uplink.content) for name in lying for attack in self._agents[name].attacks)
+        return LyingUplink(uplink, self._content) if changes and isinstance(uplink, ContentUplink) else uplink
 
     def send(self, name: str, message: Message | None) -> tuple[Message | None, Sequence[Message]]:
         """Return the message that an agent sends under its name, and those that it sends besides."""
@@ -261,5 +262,14 @@ def _require_content(attack: Attack, uplink: Uplink, agent: str) -> None:
             f"attack {_name_of(attack)!r} lies in {' or '.join(accepted)}, and {agent} broadcasts {uplink.content!r}: "
             "choose another attack, or a policy with another uplink"
         )
-    if not isinstance(uplink, ContentUplink) and {"track", "encode"} & set(hooks):
-        raise InvalidValueError(f"attack {_name_of(attack)!r} needs a ContentUplink, got {type(uplink).__name__}")
+    if _changes(attack, uplink.content) and not (isinstance(uplink, ContentUplink) and uplink.shows_content):
+        raise InvalidValueError(
+            f"attack {_name_of(attack)!r} lies in {uplink.content} before the codec, which needs a ContentUplink in "
+            f"this process, got {type(uplink).__name__}"
+        )
+
+
+def _changes(attack: Attack, content: str) -> bool:
+    """Return whether an attack changes content that an uplink has made, before its codec."""
+    hook = {"tracks": "track", "features": "encode", "queries": "encode"}.get(content)
+    return hook in hooks_of(type(attack))

@@ -226,22 +226,15 @@ def run_episode(
     while env.agents:
         started = time.perf_counter()
         actions = act_of(policy, observations, infos)
-        if getattr(policy, "guard", None) is not None:
-            _note_trust(env, policy)
+        if hasattr(policy, "judgements"):  # a policy with its own `act` may have none
+            for agent, (trust, passes) in policy.judgements(env.agents).items():
+                env.note_trust(agent, trust, passes)
         observations, reward, _, _, infos = env.step(actions)
         seconds += time.perf_counter() - started
         rewards.append(float(np.mean(list(reward.values()))))
         if on_frame is not None:
             on_frame(env)
     return np.array(rewards), seconds
-
-
-def _note_trust(env: CooperativeEnv, policy: Policy) -> None:
-    """Let the environment note the trust of all receivers, for metrics."""
-    assert policy.guard is not None
-    passes = policy.guard.passes()
-    for agent in env.agents:
-        env.note_trust(agent, policy.trust(agent), passes.get(agent, 0))
 
 
 def _warm_up() -> None:

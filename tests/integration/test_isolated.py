@@ -45,6 +45,27 @@ class Nosy(coopsim.Policy):
         return Tracks.empty()
 """
 
+BOASTING = """
+import coopsim
+from coopsim.types import Tracks
+
+class Boasting(coopsim.Defense):
+    def judge(self, reception):
+        return coopsim.Trust({})
+
+class Policy(coopsim.Policy):
+    needs = coopsim.Needs(uplink="detections")
+
+    def __init__(self):
+        self.defend(Boasting)
+
+    def track(self, agent, observation):
+        return Tracks.empty()
+
+    def trust(self, agent):
+        return {"cav_1": 7.0}
+"""
+
 BROKEN = """
 import os, time
 import coopsim
@@ -196,3 +217,41 @@ def test_what_is_not_accepted_is_said_in_a_line(tmp_path: Path, capsys: pytest.C
         benchmark(Grid(("late_fusion",), options={"budget_bytes": 400}), tmp_path, isolation=APART)
     assert main(["bench", "--policies", "no_fusion", "--isolate", "--salt", str(short), "--out", str(tmp_path)]) != 0
     assert "salt must have at least 16 bytes" in capsys.readouterr().err
+
+
+def test_the_trust_of_a_defense_is_measured_in_a_process_of_its_own_too() -> None:
+    spec = PolicySpec.parse("late_fusion(defense=plausibility)")
+    options = {**OPTIONS, "attacks": {"cav_1": "pose_noise(position_m=9)"}}
+    here = coopsim.evaluate(spec.make(), "crossing", seed=3, **options).score
+    with APART.policy(spec) as policy:
+        there = coopsim.evaluate(policy, "crossing", seed=3, **options).score
+    names = ("attacker_TPR", "attacker_FPR", "attacker_AUC", "defense_passes", "sAMOTA")
+    assert [there[name] for name in names] == [here[name] for name in names]
+    assert np.isfinite([here[name] for name in names]).all()
+
+
+@pytest.mark.parametrize("attack", ["ghost", "remove", "pose_offset", "sybil"])
+def test_a_lie_is_the_same_for_a_policy_in_a_process_of_its_own(attack: str) -> None:
+    options = {**OPTIONS, "attacks": {"cav_1": attack}}
+    with APART.policy(PolicySpec.parse("late_fusion")) as policy:
+        there = coopsim.evaluate(policy, "crossing", seed=3, **options)
+    here = coopsim.evaluate("late_fusion", "crossing", seed=3, **options)
+    assert there.score.values == pytest.approx(dict(here.score.values), nan_ok=True) and there.messages == here.messages
+
+
+def test_a_lie_in_content_of_another_process_is_refused() -> None:
+    with (
+        APART.policy(PolicySpec.parse("track_to_track")) as policy,
+        pytest.raises(InvalidValueError, match="'ghost' lies in tracks before the codec.*in this process"),
+    ):
+        coopsim.evaluate(policy, "crossing", seed=3, **OPTIONS, attacks={"cav_1": "ghost"})
+
+
+def test_trust_that_is_none_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "boasting.py"
+    path.write_text(BOASTING)
+    with (
+        APART.policy(PolicySpec.parse(f"{path}:Policy")) as policy,
+        pytest.raises(IsolatedPolicyError, match=r"no trust \(trust must be in \[0, 1\]"),
+    ):
+        coopsim.evaluate(policy, "crossing", seed=3, **OPTIONS)

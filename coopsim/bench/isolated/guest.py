@@ -7,7 +7,7 @@ import pickle
 import threading
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +37,8 @@ class Guest:
     def make(self, spec: PolicySpec) -> dict[str, Any]:
         """Make the policy. Answer what an environment must know of it."""
         self._policy = spec.make()
-        return {"needs": asdict(self._policy.needs), "method": str(self._policy.method)}
+        guarded = getattr(self._policy, "guard", None) is not None
+        return {"needs": asdict(self._policy.needs), "method": str(self._policy.method), "guarded": guarded}
 
     def make_uplink(self, spec: AgentSpec, seed: int) -> dict[str, Any]:
         """Make what one agent broadcasts. Answer what it is, and the agent whose object it shares, or its own name."""
@@ -69,6 +70,11 @@ class Guest:
     def act(self, observations: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
         """Answer the actions for packed observations."""
         return self._policy.act(observations)
+
+    def judgements(self, agents: Sequence[str]) -> dict[str, Any]:
+        """Answer the trust and the passes of each agent's defence in the last frame."""
+        found = self._policy.judgements(agents)
+        return {agent: {"trust": trust, "passes": passes} for agent, (trust, passes) in found.items()}
 
     def counts(self) -> dict[str, Any]:
         """Answer what the policy counted, and the number of messages that it could not read."""

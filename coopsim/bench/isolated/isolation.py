@@ -8,7 +8,7 @@ import os
 import pickle
 import subprocess
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -154,6 +154,7 @@ class IsolatedPolicy(coopsim.Policy):
         try:
             made = self.ask("make", spec)
             self.needs, self.method = coopsim.Needs(**made["needs"]), str(made["method"])
+            self._guarded = bool(made["guarded"])
             _require_no_truth(spec, self)
         except (TypeError, KeyError) as error:
             self.close()
@@ -209,6 +210,16 @@ class IsolatedPolicy(coopsim.Policy):
         self._frames += 1
         return actions
 
+    def judgements(self, agents: Iterable[str]) -> dict[str, tuple[dict[str, float], int]]:
+        if not self._guarded:
+            return {}
+        named = list(agents)
+        made = self.ask("judgements", named)
+        try:
+            return {agent: (_checked_trust(made[agent]["trust"]), int(made[agent]["passes"])) for agent in named}
+        except (TypeError, KeyError, ValueError, AttributeError) as error:
+            raise self._error(f"answered nonsense: no trust ({error})") from error
+
     @property
     def counts(self) -> Counter[str]:  # type: ignore[override]
         return Counter(self.ask("counts")["counts"])
@@ -234,6 +245,8 @@ class IsolatedPolicy(coopsim.Policy):
 class _RemoteUplink(ContentUplink[Any]):
     """An uplink in the policy's process. Its messages come as bytes on the air."""
 
+    shows_content = False
+
     def __init__(self, policy: IsolatedPolicy, content: str, codec: str | None, *, hears: bool) -> None:
         self.content = content  # type: ignore[misc]  # of the class elsewhere
         self._policy, self._hears, self.codec_name = policy, hears, ""
@@ -258,6 +271,14 @@ class _RemoteUplink(ContentUplink[Any]):
     def hear(self, receiver: str, observation: Observation) -> None:
         if self._hears:
             self._policy.ask("hear", receiver, observation)
+
+
+def _checked_trust(trust: Mapping[Any, Any]) -> dict[str, float]:
+    """Return a process's answer if it is trust by sender. Raises `ValueError` for any other."""
+    found = {str(sender): float(value) for sender, value in trust.items()}
+    if not all(0 <= value <= 1 for value in found.values()):
+        raise ValueError(f"trust must be in [0, 1], got {trust!r:.200}")
+    return found
 
 
 def _require_no_truth(spec: PolicySpec, policy: Policy) -> None:

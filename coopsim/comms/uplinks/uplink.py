@@ -67,6 +67,7 @@ class ContentUplink(Uplink, Generic[T]):
     Attributes:
         codec: the codec.
         codec_name: its registered name, which messages carry.
+        shows_content: its content can be seen before it is encoded; False where it is made in another process.
 
     Args:
         codec: a codec for this content, or the spec of one, as "sparse_features(most_cells=500)".
@@ -74,6 +75,8 @@ class ContentUplink(Uplink, Generic[T]):
     Raises:
         UnknownNameError: there is no such codec for this content, or the class of the codec is not registered.
     """
+
+    shows_content: ClassVar[bool] = True
 
     def __init__(self, codec: str | Codec[T]) -> None:
         self.codec: Codec[T]
