@@ -242,7 +242,7 @@ def test_a_lie_is_the_same_for_a_policy_in_a_process_of_its_own(attack: str) -> 
 def test_a_lie_in_content_of_another_process_is_refused() -> None:
     with (
         APART.policy(PolicySpec.parse("track_to_track")) as policy,
-        pytest.raises(InvalidValueError, match="'ghost' lies in tracks before the codec.*in this process"),
+        pytest.raises(InvalidValueError, match=r"'ghost' lies in tracks before the codec.*in this process"),
     ):
         coopsim.evaluate(policy, "crossing", seed=3, **OPTIONS, attacks={"cav_1": "ghost"})
 
