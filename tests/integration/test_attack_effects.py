@@ -59,8 +59,8 @@ def _play(attack: str | None, policy: str, lidar: str | None, seed: int) -> list
     }
     if lidar is not None:
         options["lidar_columns"] = 512
-    lies = None if attack is None else {LIAR: attack}
-    env = coopsim.parallel_env("crossing", uplink=made, attacks=lies, expose_ground_truth=True, **options)
+    attacks = None if attack is None else {LIAR: attack}
+    env = coopsim.parallel_env("crossing", uplink=made, attacks=attacks, expose_ground_truth=True, **options)
     packed, infos = env.reset(seed=seed)
     made.reset(env.agent_specs, seed=seed)
     found = []
@@ -175,8 +175,8 @@ def test_a_replayed_message_tells_of_the_past_as_if_it_were_now() -> None:
 
 def test_a_model_in_the_points_is_detected_by_a_network() -> None:
     pytest.importorskip("torch")
-    told = {"policy": "early", "lidar": "HDL-32E", "seeds": SEEDS[:2]}
-    honest, lied = play(None, **told), play("point_ghost(ahead_m=12)", **told)  # type: ignore[arg-type]
+    told: dict[str, Any] = {"policy": "early", "lidar": "HDL-32E", "seeds": SEEDS[:2]}
+    honest, lied = play(None, **told), play("point_ghost(ahead_m=12)", **told)
     for before, now in zip(honest, lied, strict=True):
         (place,) = now.claimed.center[:, :2]
         assert distances(place[None], now.detections.boxes) <= 2.0 < distances(place[None], before.detections.boxes)
@@ -184,8 +184,8 @@ def test_a_model_in_the_points_is_detected_by_a_network() -> None:
 
 def test_objects_without_points_are_not_detected_by_a_network() -> None:
     pytest.importorskip("torch")
-    told = {"policy": "early", "lidar": "HDL-32E", "seeds": SEEDS[:2]}
-    honest, lied = play(None, **told), play("point_removal", **told)  # type: ignore[arg-type]
+    told: dict[str, Any] = {"policy": "early", "lidar": "HDL-32E", "seeds": SEEDS[:2]}
+    honest, lied = play(None, **told), play("point_removal", **told)
     lost = []
     for before, now in zip(honest, lied, strict=True):
         # A liar deletes what it detects itself, with errors, and so not all that it has points of.
