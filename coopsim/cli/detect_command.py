@@ -163,7 +163,7 @@ def _plan(options: argparse.Namespace) -> DetectPlan:
 
     named = [each.name for each in fields(DetectPlan) if each.name not in ("options", "noises", "attacks")]
     given = {name: getattr(options, name) for name in named}
-    own = {"noises": _noises(options), "attacks": tuple(options.attack)}
+    own: dict[str, Any] = {"noises": _noises(options), "attacks": tuple(options.attack)}
     return DetectPlan(**given, **own, options=named_options(options, _FLAGS))
 
 
