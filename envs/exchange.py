@@ -12,7 +12,7 @@ from coopsim.comms.channel.channel import Channel
 from coopsim.comms.codecs.codec import CODECS
 from coopsim.comms.decode_once import DecodeOnce
 from coopsim.comms.radio.obstruction import RadioScene
-from coopsim.comms.uplinks.budget import SELECTIONS, Selection, WithinBudget
+from coopsim.comms.uplinks.budget import Selection, WithinBudget, make_selection
 from coopsim.comms.uplinks.by_action import SaidByAction
 from coopsim.comms.uplinks.uplink import ContentUplink, Uplink, uplink_factory
 from coopsim.config.spec import parse_spec
@@ -150,11 +150,10 @@ def make_uplinks(
             there are attacks.
     """
     make, decoded = uplink_factory(options.uplink, options.codec), DecodeOnce()
-    select = SELECTIONS.get(options.selection)
     liars = liars or LyingAgents(options.attacks, specs, seed, network_of(options))
 
-    def make_selection(agent: str) -> Selection:
-        return select(stream(seed, "selection", agent))
+    def selection_of(agent: str) -> Selection:
+        return make_selection(options.selection, stream(seed, "selection", agent))
 
     uplinks: dict[str, Uplink] = {}
     for name, spec in specs.items():
@@ -171,7 +170,7 @@ def make_uplinks(
         if uplink not in sending:
             lying = liars.uplink(uplink, [name for name, each in uplinks.items() if each is uplink])
             within = None if isinstance(uplink, SaidByAction) else options.budget_bytes
-            sending[uplink] = lying if within is None else WithinBudget(lying, within, make_selection, decoded)
+            sending[uplink] = lying if within is None else WithinBudget(lying, within, selection_of, decoded)
     return {name: sending[uplink] for name, uplink in uplinks.items()}
 
 

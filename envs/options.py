@@ -13,6 +13,7 @@ from coopsim.comms.channel.latency import MOST_S, GaussianLatency
 from coopsim.comms.channel.loss import BernoulliLoss
 from coopsim.comms.uplinks.budget import SELECTIONS
 from coopsim.comms.uplinks.uplink import MakeUplink
+from coopsim.config.spec import parse_spec
 from coopsim.detection.detector import Detector, DetectorBase
 from coopsim.detection.embedder import Embedder, make_embedder
 from coopsim.detection.oracle import OracleDetector
@@ -59,8 +60,8 @@ class CommonOptions:
             a YAML file with that.
         budget_bytes: largest size of a message, envelope included; None: no limit. The uplink's codec must be able to
             leave out the least useful part.
-        selection: order in which detections are sent where not all fit: "need", "score" or "random", see
-            `coopsim.comms.uplinks.budget`.
+        selection: order in which detections are sent where not all fit: "need", "score", "random" or
+            "learned(weights=FILE)", see `coopsim.comms.uplinks.budget`.
         attacks: lies of agents: a mapping of agents to attacks, one or more each, as `{"cav_1": "ghost(ahead_m=9)"}`,
             or the text of that, as "cav_1=ghost(ahead_m=9) + rsu_0=remove". None: all are honest.
         match_iou: 3D IoU from which a track is on an object, in (0, 1].
@@ -99,7 +100,7 @@ class CommonOptions:
         require_flag(expose_ground_truth=self.expose_ground_truth, expose_visibility=self.expose_visibility)
         if self.expose_visibility and not self.expose_ground_truth:
             raise InvalidValueError("expose_visibility is part of the truth: it needs expose_ground_truth=True")
-        require_choice("selection", self.selection, SELECTIONS.names())
+        require_choice("selection", parse_spec("selection", self.selection)[0], SELECTIONS.names())
         if self.budget_bytes is not None:
             require_count(1, budget_bytes=self.budget_bytes)
         attacks_by_agent(self.attacks)  # its own checks run now

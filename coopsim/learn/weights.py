@@ -30,6 +30,7 @@ from coopsim.nn.identity.picture_identity_net import PictureIdentityConfig, Pict
 from coopsim.nn.identity.point_encoder import PointIdentityConfig, PointIdentityNet
 from coopsim.nn.integrated.integrated_net import IntegratedConfig, IntegratedNet
 from coopsim.nn.queries.query_net import QueryConfig, QueryNet
+from coopsim.nn.ranking_net import RankingConfig, RankingNet
 from coopsim.support.precision import note_weights
 from coopsim.types.taxonomy import CLASS_NAMES
 
@@ -45,6 +46,7 @@ NETWORKS: Mapping[str, tuple[type[Any], Callable[[Any], nn.Module]]] = {
     "picture_identity": (PictureIdentityConfig, PictureIdentityNet),
     "queries": (QueryConfig, QueryNet),
     "integrated": (IntegratedConfig, IntegratedNet),
+    "ranking": (RankingConfig, RankingNet),
 }
 """Options and network of each kind of weights."""
 
@@ -184,6 +186,12 @@ def load_queries(name_or_path: str | Path, detector: DetectorNet, fusion: str | 
 def load_integrated(name_or_path: str | Path, detector: DetectorNet) -> IntegratedNet:
     """Return the network of integrated detection and tracking; see `load_network`."""
     net: IntegratedNet = load_network("integrated", name_or_path, detector)
+    return net
+
+
+def load_ranking(name_or_path: str | Path) -> RankingNet:
+    """Return the network that ranks an agent's detections; see `load_network`."""
+    net: RankingNet = load_network("ranking", name_or_path)
     return net
 
 

@@ -24,10 +24,12 @@ def run(program: str) -> str:
 def test_learned_policies_and_detectors_name_the_extra() -> None:
     run("""
 from coopsim.errors import MissingDependencyError
+RANKINGS = ["learned(weights=mine.safetensors)"]
 for make, names in (
     (coopsim.make_policy, ("early", "fcooper", "attfuse", "where2comm", "pyramid", "gsaf", "dmstrack", "yoloo")),
     (coopsim.make_policy, ("cooptrack", "univ2x", "vic_integrated")),
     (lambda name: coopsim.parallel_env("crossing", detector=name), ("pillars", "lift_splat", "points_and_pictures")),
+    (lambda name: coopsim.parallel_env("crossing", lidar=None, budget_bytes=99, selection=name).reset(), RANKINGS),
     (lambda name: coopsim.make_policy("dino_codt_tracking", embedder=name), ("picture_identity", "dinov2(model=mine)")),
 ):
     for name in names:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,9 @@ from coopsim.comms.codecs.codec import CODECS, codecs_of
 from coopsim.comms.decode_once import DecodeOnce
 from coopsim.comms.envelope import decode_detections, encode_message
 from coopsim.comms.uplinks.uplink import ContentUplink, Silence, Uplink
+from coopsim.config.spec import instantiate, parse_spec
 from coopsim.errors import CodecError, InvalidValueError
-from coopsim.geometry.se3 import Floats
+from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.checks import require_count
 from coopsim.support.registry import Registry
 from coopsim.types import NS_PER_S, Detections, Ints, Mask, Message, Observation
@@ -76,11 +78,11 @@ class ByScore(Selection):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Report:
+class Report:
     """The last message of one agent, in the world frame."""
 
     captured_ns: int
-    place: Floats
+    world_SE3_base: SE3
     position: Floats
     score: Floats
 
@@ -90,59 +92,95 @@ class _Report:
         return same
 
 
-class ByNeed(Selection):
-    """High scores first, of objects that the other agents are unlikely to know.
-
-    The utility is the score, times the probability that no other agent has the object in sight (with the distance d to
-    each it is 1 - exp(-(d / 40 m)^2)), times 0.1 if another agent's last message had it with a higher score: of two
-    agents that see an object, the one with the higher score goes on reporting it. Times 3 if the agent's own last
-    message had it: trackers need repeated detections. Positions are compared in the world frame, by estimated poses.
-    """
+class Listening(Selection):
+    """A ranking that knows what the others said last, and what the agent itself said."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         super().__init__(rng)
-        self._reports: dict[str, _Report] = {}
-        self._own: _Report | None = None
+        self.reports: dict[str, Report] = {}
+        self.own: Report | None = None
 
     def sent(self, message: Message, decoded: DecodeOnce) -> None:
-        self._own = _report(message, decoded)
+        self.own = _report(message, decoded)
 
     def hear(self, observation: Observation, decoded: DecodeOnce) -> None:
         for message in observation.inbox:
-            known = self._reports.get(message.sender)
+            known = self.reports.get(message.sender)
             if known is None or message.captured_ns > known.captured_ns:
-                self._reports[message.sender] = _report(message, decoded)
+                self.reports[message.sender] = _report(message, decoded)
         oldest_ns = observation.time_ns - _VALID_NS
-        self._reports = {name: each for name, each in self._reports.items() if each.captured_ns >= oldest_ns}
+        self.reports = {name: each for name, each in self.reports.items() if each.captured_ns >= oldest_ns}
+
+
+class ByNeed(Listening):
+    """High scores first, of objects that the other agents are unlikely to know.
+
+    The utility is the score, times the share of the other agents that are expected not to have the object in sight
+    (with the distance d to each, 1 - exp(-(d / 40 m)^2)), times 0.1 if another agent's last message had it with a
+    higher score: of two agents that see an object, the one with the higher score goes on reporting it. Times 3 if the
+    agent's own last message had it: trackers need repeated detections. Positions are compared in the world frame, by
+    estimated poses.
+
+    The share is a mean over the others, not the product, the probability that nobody has it in sight. Among five agents
+    the product sends what is far from all, and ranks below a random order.
+    """
 
     def utility(self, sender: str, observation: Observation) -> Floats:
         found = observation.detections
         position = found.boxes.transform(observation.pose.world_SE3_base).center[:, :2]
-        useful = found.score.copy()
-        for name, report in self._reports.items():
-            useful *= -np.expm1(-np.square(np.hypot(*(position - report.place).T) / _SIGHT_M))
+        useful, unseen = found.score.copy(), list[Floats]()
+        for name, report in self.reports.items():
+            away_m = np.hypot(*(position - report.world_SE3_base.translation[:2]).T)
+            unseen.append(-np.expm1(-np.square(away_m / _SIGHT_M)))
             surer = (report.score > found.score[:, None]) | ((report.score == found.score[:, None]) & (name < sender))
             useful[(report.same_objects(position) & surer).any(axis=1)] *= _REPORTED
-        if self._own is not None:
-            useful[self._own.same_objects(position).any(axis=1)] *= _KEPT
+        if unseen:
+            useful *= np.mean(unseen, axis=0)
+        if self.own is not None:
+            useful[self.own.same_objects(position).any(axis=1)] *= _KEPT
         return useful
 
 
-def _report(message: Message, decoded: DecodeOnce) -> _Report:
+def _report(message: Message, decoded: DecodeOnce) -> Report:
     place = message.pose.world_SE3_base
     try:
         found = decoded(message, decode_detections)
     except CodecError:  # counted by the policy that receives it; here it says no more than where its sender is
         found = Detections.empty()
     position = found.boxes.transform(place).center[:, :2]
-    return _Report(message.captured_ns, place.translation[:2], position, found.score)
+    return Report(message.captured_ns, place, position, found.score)
 
 
-SELECTIONS: Registry[Callable[[np.random.Generator], Selection]] = Registry("selection")
-"""Rankings by name, for the option `selection`; each is made with an agent's random stream."""
+SELECTIONS: Registry[Callable[..., Selection]] = Registry("selection")
+"""Rankings by name, for the option `selection`; each is made with an agent's random stream and a spec's parameters."""
 SELECTIONS.register("need")(ByNeed)
 SELECTIONS.register("score")(ByScore)
 SELECTIONS.register("random")(AtRandom)
+
+
+@SELECTIONS.register("learned")
+def learned(rng: np.random.Generator, weights: str) -> Selection:
+    """Rank by what a network expects the others to gain; see `coopsim.comms.uplinks.learned_selection`.
+
+    Raises:
+        MissingDependencyError: torch is not installed.
+        InvalidValueError, UnknownNameError: there are no such weights.
+    """
+    from coopsim.comms.uplinks.learned_selection import Learned
+
+    return Learned(rng, weights)
+
+
+def make_selection(spec: object, rng: np.random.Generator) -> Selection:
+    """Make a ranking by its spec, such as `need` or `learned(weights=mine.safetensors)`.
+
+    Raises:
+        UnknownNameError: there is no such ranking, or no such parameter.
+        InvalidValueError: the spec has another shape, or the value of a parameter is not accepted.
+        MissingDependencyError: the ranking needs a package that is not installed.
+    """
+    name, parameters = parse_spec("selection", spec)
+    return instantiate("selection", name, partial(SELECTIONS.get(name), rng), parameters)
 
 
 MakeSelection = Callable[[str], Selection]
