@@ -55,4 +55,5 @@ class RankingNet(nn.Module):
     def gains(self, rows: Floats) -> Floats:
         """Return the gains (R, N) of rows (R, N, RANKING_FEATURES)."""
         with torch.inference_mode():
-            return self(torch.from_numpy(rows.astype(np.float32))).numpy().astype(np.float64)
+            gains: Floats = self(torch.from_numpy(rows.astype(np.float32))).numpy().astype(np.float64)
+        return gains
