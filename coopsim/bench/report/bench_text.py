@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
 from tabulate import tabulate
 
 from coopsim.bench.evaluate import Evaluation
@@ -177,6 +178,22 @@ def escaped(text: str) -> str:
     for letter in "\\&`*[]<>|":
         text = text.replace(letter, f"\\{letter}")
     return " ".join(text.split())
+
+
+def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]], texts: int = 1) -> str:
+    """Format a table of Markdown, its first `texts` columns left-aligned."""
+    align = ["left"] * texts + ["right"] * (len(heads) - texts)
+    cells = [[escaped(cell) for cell in row] for row in rows]
+    named = [escaped(head) for head in heads]
+    return tabulate(cells, named, tablefmt="github", colalign=align, disable_numparse=True) if rows else ""
+
+
+def difference_text(interval: Interval, form: str) -> str:
+    """Format a mean difference with its interval, if that has finite ends."""
+    mean = format_value(interval.mean, f"+{form}")
+    if not np.isfinite([interval.low, interval.high]).all():
+        return mean
+    return f"{mean} ({interval.low:+{form}} to {interval.high:+{form}})"
 
 
 BYTES_TITLE, FRAMES_TITLE = "bytes/s", "frames/s"

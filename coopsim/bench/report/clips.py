@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -13,9 +13,12 @@ from coopsim.bench.evaluate import OnFrame
 from coopsim.bench.grid.cell import Cell, CellResult
 from coopsim.bench.report.scene import Film, frame_data, home_of, map_data, tracks_data
 from coopsim.bench.results.standings import Moment
+from coopsim.geometry.se3 import Floats
 from coopsim.types import NS_PER_S, Tracks
 from coopsim.viz.bev import BevFrame
 from coopsim.world.snapshot import RoadMap
+
+T = TypeVar("T")
 
 if TYPE_CHECKING:
     pass
@@ -106,12 +109,27 @@ def _shoot(result: CellResult, frames: int, run: RunCell) -> Film | str:
     """Record the run's first frames, or return why that failed."""
     cell, film = result.cell, Film(_POINTS_SHOWN)
     rerun = run(replace(cell, frames=frames), film.add)
-    name = f"{cell.policy}, seed {cell.seed}"
-    if rerun.failed:
-        return f"{name}: it failed when it was run again: {rerun.reason}"
-    if not np.array_equal(rerun.rewards, result.rewards[:frames], equal_nan=True):
+    return changed_since(f"{cell.policy}, seed {cell.seed}", rerun, result.rewards[:frames]) or film
+
+
+def changed_since(name: str, again: CellResult, rewards: Floats) -> str | None:
+    """Return a line about a run that failed when it was run again, or gave other rewards; None: it gave the same."""
+    if again.failed:
+        return f"{name}: it failed when it was run again: {again.reason}"
+    if not np.array_equal(again.rewards, rewards, equal_nan=True):
         return f"{name}: run again it gave other rewards, so something changed since"
-    return film
+    return None
+
+
+def pairs_in_time(pairs: Sequence[T], time_limit_s: float, clock: Callable[[], float], notes: list[str]) -> Iterator[T]:
+    """Yield pairs of runs to be filmed until the time is up; then add a line to the notes about those left out."""
+    started = clock()
+    for number, pair in enumerate(pairs):
+        if clock() - started > time_limit_s:
+            left = len(pairs) - number
+            notes.append(f"{left} pair{'s' * (left > 1)} left out, as time was up after {time_limit_s:g} s")
+            return
+        yield pair
 
 
 def _cut(moment: Moment, worst: Film | str, best: Film | str) -> Clip | str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from coopsim.attacks.attack_option import attacks_by_agent
 from coopsim.bench.grid.cell import Cell, CellResult
-from coopsim.bench.report.clips import RunCell
+from coopsim.bench.report.clips import RunCell, changed_since, pairs_in_time
 from coopsim.bench.report.scene import Film
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.geometry.boxes import Boxes3D
@@ -133,13 +133,9 @@ def film_lies(
 
     Return the films, and a line for each pair that could not be recorded.
     """
-    started, filmed, notes = clock(), list[FilmedLie](), list[str]()
+    filmed, notes = list[FilmedLie](), list[str]()
     known: dict[tuple[Cell, str], Film | str] = {}
-    for number, pair in enumerate(pairs):
-        if clock() - started > time_limit_s:
-            left = len(pairs) - number
-            notes.append(f"{left} pair{'s' * (left > 1)} left out, as time was up after {time_limit_s:g} s")
-            break
+    for pair in pairs_in_time(pairs, time_limit_s, clock, notes):
         for result in (pair.honest, pair.attacked):
             key = result.cell, pair.receiver
             if key not in known:
@@ -157,11 +153,7 @@ def _shoot(result: CellResult, receiver: str, run: RunCell) -> Film | str:
     film, cell = Film(_POINTS_SHOWN, receiver), result.cell
     again = run(cell, film.add)
     name = f"{cell.policy}, {cell.condition.attacks or 'all honest'}, seed {cell.seed}"
-    if again.failed:
-        return f"{name}: it failed when it was run again: {again.reason}"
-    if not np.array_equal(again.rewards, result.rewards, equal_nan=True):
-        return f"{name}: run again it gave other rewards, so something changed since"
-    return film
+    return changed_since(name, again, result.rewards) or film
 
 
 def _cut(pair: LiePair, honest: Film, attacked: Film) -> FilmedLie:

@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from tabulate import tabulate
 
-from coopsim.bench.report.bench_text import escaped, form_of, format_value
+from coopsim.bench.report.bench_text import difference_text, form_of, format_value, markdown_table
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import known_mean
 from coopsim.bench.results.statistics import bootstrap_difference
@@ -54,7 +53,7 @@ def _scores(table: ResultTable, metric: str) -> str:
     for attack, conditions in _attacks(table):
         values = known_mean(table.values(metric)[:, conditions].reshape(len(table.policies), -1), axis=1)
         rows.append([attack, *(format_value(float(value), form_of(metric)) for value in values)])
-    return _table(["attack", *table.names.values()], rows)
+    return markdown_table(["attack", *table.names.values()], rows)
 
 
 def _costs(table: ResultTable, metric: str) -> str:
@@ -67,7 +66,7 @@ def _costs(table: ResultTable, metric: str) -> str:
             continue
         changed = [values[:, k] - values[:, before] for k, before in pairs if before is not None]
         rows.append([attack, *(_change(table, metric, each) for each in np.mean(changed, axis=0))])
-    return _table(["attack", *table.names.values()], rows)
+    return markdown_table(["attack", *table.names.values()], rows)
 
 
 def _won_back(table: ResultTable, metric: str) -> str:
@@ -76,7 +75,7 @@ def _won_back(table: ResultTable, metric: str) -> str:
     for attack, conditions in _attacks(table):
         changes = [values[k, conditions].mean(axis=0) - values[twin, conditions].mean(axis=0) for k, twin in twins]
         rows.append([attack, *(_change(table, metric, each) for each in changes)])
-    return _table(["attack", *(table.names[table.policies[k]] for k, _ in twins)], rows) if twins else ""
+    return markdown_table(["attack", *(table.names[table.policies[k]] for k, _ in twins)], rows) if twins else ""
 
 
 def _undefended(table: ResultTable) -> list[tuple[int, int]]:
@@ -99,7 +98,7 @@ def _means(table: ResultTable, metrics: Sequence[str], *, lying: bool) -> str:
         if not np.isnan(means).all():
             cells = [format_value(mean, form_of(name)) for name, mean in zip(known, means, strict=True)]
             rows.append([policy, *cells])
-    return _table(["policy", *known], rows)
+    return markdown_table(["policy", *known], rows)
 
 
 def _lies(table: ResultTable) -> str:
@@ -111,7 +110,7 @@ def _lies(table: ResultTable) -> str:
             if not np.isnan(means).all():
                 cells = [format_value(mean, form_of(name)) for name, mean in zip(known, means, strict=True)]
                 rows.append([attack, table.names[policy], *cells])
-    return _table(["attack", "policy", *known], rows, texts=2)
+    return markdown_table(["attack", "policy", *known], rows, texts=2)
 
 
 def _change(table: ResultTable, metric: str, differences: Floats) -> str:
@@ -121,14 +120,4 @@ def _change(table: ResultTable, metric: str, differences: Floats) -> str:
     if not len(known):
         return "-"
     interval, _ = bootstrap_difference(known)
-    form = f"+{form_of(metric)}"
-    mean = format_value(interval.mean, form)
-    ends = np.isfinite([interval.low, interval.high]).all()
-    return f"{mean} ({interval.low:{form}} to {interval.high:{form}})" if ends else mean
-
-
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], texts: int = 1) -> str:
-    align = ["left"] * texts + ["right"] * (len(heads) - texts)
-    cells = [[escaped(cell) for cell in row] for row in rows]
-    named_heads = [escaped(head) for head in heads]
-    return tabulate(cells, named_heads, tablefmt="github", colalign=align, disable_numparse=True) if rows else ""
+    return difference_text(interval, form_of(metric))

@@ -11,7 +11,7 @@ import numpy as np
 from coopsim.bench.benchmark import check
 from coopsim.bench.grid.cell import Cell, CellResult
 from coopsim.bench.grid.grid import Grid
-from coopsim.bench.report.clips import RunCell
+from coopsim.bench.report.clips import RunCell, pairs_in_time
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import known_mean
 from coopsim.bench.safety.recording import Recording, record
@@ -129,13 +129,9 @@ def film_pairs(
 
     Return the recordings, without and with messages, and a line for each pair that could not be recorded.
     """
-    started, filmed, notes = clock(), list[tuple[Recording, Recording]](), list[str]()
+    filmed, notes = list[tuple[Recording, Recording]](), list[str]()
     known: dict[Cell, Recording | str] = {}
-    for number, pair in enumerate(pairs):
-        if clock() - started > time_limit_s:
-            left = len(pairs) - number
-            notes.append(f"{left} pair{'s' * (left > 1)} left out, as time was up after {time_limit_s:g} s")
-            break
+    for pair in pairs_in_time(pairs, time_limit_s, clock, notes):
         for each in (pair.alone, pair.sharing):
             if each.cell not in known:
                 known[each.cell] = record(each, run)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from coopsim.bench.grid.cell import Cell, CellResult
-from coopsim.bench.report.clips import RunCell
+from coopsim.bench.report.clips import RunCell, changed_since
 from coopsim.bench.report.scene import Film
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats, wrap_angle
@@ -263,8 +263,4 @@ def record(result: CellResult, run: RunCell) -> Recording | str:
     recorder, cell = Recorder(), result.cell
     again = run(cell, recorder.add)
     name = f"{cell.policy}, {cell.condition.scenario}, seed {cell.seed}"
-    if again.failed:
-        return f"{name}: it failed when it was run again: {again.reason}"
-    if not np.array_equal(again.rewards, result.rewards, equal_nan=True):
-        return f"{name}: run again it gave other rewards, so something changed since"
-    return recorder.recording(cell)
+    return changed_since(name, again, result.rewards) or recorder.recording(cell)

@@ -9,10 +9,9 @@ import html
 from collections.abc import Sequence
 
 import numpy as np
-from tabulate import tabulate
 
 from coopsim.bench.grid.cell import varying_axes
-from coopsim.bench.report.bench_text import escaped, form_of, format_value
+from coopsim.bench.report.bench_text import difference_text, form_of, format_value, markdown_table
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import known_mean
 from coopsim.bench.results.statistics import Interval, holm, rate_interval
@@ -99,7 +98,7 @@ def _matrix_text(table: ResultTable) -> str:
         [scenario, *(_rate(crash_rate(table, k, conditions)) for k in range(len(table.policies)))]
         for scenario, conditions in _situations(table)
     ]
-    return _table(["situation", *table.names.values()], rows)
+    return markdown_table(["situation", *table.names.values()], rows)
 
 
 def _competitors(table: ResultTable) -> list[int]:
@@ -120,12 +119,12 @@ def _changes(table: ResultTable) -> str:
         for (scenario, found), p_value in zip(known, corrected.tolist(), strict=True)
     ]
     heads = ["policy", "situation", "pairs", "alone", "sharing", "avoided", "caused", "difference", "p"]
-    return _table(heads, rows, texts=2)
+    return markdown_table(heads, rows, texts=2)
 
 
 def _change_cells(found: Change) -> list[str]:
     rates = [f"{rate:.0f} %" for rate in (found.alone, found.sharing)]
-    return [str(found.pairs), *rates, str(found.less), str(found.more), _difference(found.change, ".1f")]
+    return [str(found.pairs), *rates, str(found.less), str(found.more), difference_text(found.change, ".1f")]
 
 
 def _prices(table: ResultTable) -> str:
@@ -134,11 +133,11 @@ def _prices(table: ResultTable) -> str:
     for k in _competitors(table):
         found = [change(table, k, calm(table), name) for name in metrics]
         cells = [
-            "-" if each is None else _difference(each.change, form_of(name))
+            "-" if each is None else difference_text(each.change, form_of(name))
             for each, name in zip(found, metrics, strict=True)
         ]
         rows.append([table.names[table.policies[k]], *cells])
-    return _table(["policy", *metrics], rows) if metrics else ""
+    return markdown_table(["policy", *metrics], rows) if metrics else ""
 
 
 def _driving(table: ResultTable) -> str:
@@ -149,7 +148,7 @@ def _driving(table: ResultTable) -> str:
         [policy, *(format_value(float(values[name][k]), form_of(name)) for name in metrics)]
         for k, policy in enumerate(table.names.values())
     ]
-    return _table(["policy", *metrics], rows)
+    return markdown_table(["policy", *metrics], rows)
 
 
 def _bytes(table: ResultTable) -> str:
@@ -160,7 +159,7 @@ def _bytes(table: ResultTable) -> str:
         [table.names[table.policies[k]], format_value(float(rates[k]), ".0f"), _rate(crash_rate(table, k, calm(table)))]
         for k in np.argsort(rates, kind="stable").tolist()
     ]
-    return _table(["policy", "bytes/s", "crash rate"], rows)
+    return markdown_table(["policy", "bytes/s", "crash rate"], rows)
 
 
 def _gone(table: ResultTable) -> str:
@@ -172,11 +171,13 @@ def _gone(table: ResultTable) -> str:
             found = [change(table, k, conditions) for _, conditions in steps]
             if table.policies[k] in table.bounds or None in found:
                 continue
-            cells = [_difference(each.change, ".1f") for each in found if each is not None]
+            cells = [difference_text(each.change, ".1f") for each in found if each is not None]
             gone = gone_at(table, k, axis)
             rows.append([table.policies[k], *cells, "never shown" if gone == steps[0][0] else gone or "not in these"])
         if rows:
-            parts.append(f"### {axis.title}\n\n" + _table(["policy", *(text for text, _ in steps), "gone at"], rows))
+            parts.append(
+                f"### {axis.title}\n\n" + markdown_table(["policy", *(text for text, _ in steps), "gone at"], rows)
+            )
     return "\n\n".join(parts)
 
 
@@ -187,23 +188,8 @@ def _predictors(table: ResultTable) -> str:
         for each in found
         if each is not None
     ]
-    return _table(["metric", "rank correlation", "95 % interval", "policies"], rows) if rows else ""
+    return markdown_table(["metric", "rank correlation", "95 % interval", "policies"], rows) if rows else ""
 
 
 def _rate(rate: Interval) -> str:
     return f"{rate.mean:.0f} % ({rate.low:.0f} to {rate.high:.0f})" if rate.count else "-"
-
-
-def _difference(interval: Interval, form: str) -> str:
-    mean = format_value(interval.mean, f"+{form}")
-    if not np.isfinite([interval.low, interval.high]).all():
-        return mean
-    return f"{mean} ({interval.low:+{form}} to {interval.high:+{form}})"
-
-
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], texts: int = 1) -> str:
-    """Format a table of Markdown, its first `texts` columns left-aligned."""
-    align = ["left"] * texts + ["right"] * (len(heads) - texts)
-    cells = [[escaped(cell) for cell in row] for row in rows]
-    named = [escaped(head) for head in heads]
-    return tabulate(cells, named, tablefmt="github", colalign=align, disable_numparse=True) if rows else ""
