@@ -19,9 +19,8 @@ AGENT, SEED = "rsu_0", 5
 
 def look(camera: Camera, **options: Any) -> CameraImage:
     """Return the camera's image at an episode's start."""
-    env = coopsim.parallel_env(
-        "crossing", cameras={AGENT: [camera]}, camera_modes=MODES, expose_ground_truth=True, **options
-    )
+    options = {"detail": "full", "camera_modes": MODES, "expose_ground_truth": True} | options
+    env = coopsim.parallel_env("crossing", cameras={AGENT: [camera]}, **options)
     env.reset(seed=SEED)
     picture = env.photograph()[AGENT][camera.name]
     env.close()

@@ -206,7 +206,7 @@ def portrait(kind: str) -> tuple[str, NDArray[np.uint8]]:
     points = np.concatenate([part.vertices for part in parts])
     low, high = points.min(axis=0), points.max(axis=0)
     axes = axes_towards(215.0, 12.0)
-    away_m = np.linalg.norm(high - low) / 2 / np.sin(np.radians(11.5))
+    away_m = np.linalg.norm(high - low) / 2 / np.sin(np.radians(10.3))
     pose = SE3(axes, (low + high) / 2 - away_m * axes[:, 2])
     faces = sum(len(part.faces) for part in parts)
     return f"{kind}: {faces} triangles", photograph([GROUND, *parts], pose, 30.0, (200, 150))

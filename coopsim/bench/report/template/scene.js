@@ -184,5 +184,6 @@ panels.forEach((canvas) => {
 
 new ResizeObserver(draw).observe(document.body);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
-draw();
+const moment = /^#t=([0-9.]+)$/.exec(location.hash); // a link to a moment, in seconds
+go(moment ? Math.round(Number(moment[1]) / scene.dt_s) : 0);
 }
