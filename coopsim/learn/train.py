@@ -25,8 +25,9 @@ from coopsim.learn.samples.batches_ahead import BatchesAhead
 from coopsim.learn.samples.sample_order import SampleOrder
 from coopsim.learn.tasks.training_task import TrainingTask
 from coopsim.learn.weights import SUFFIX, digest, save_weights
-from coopsim.nn.inference.backend import find_device, keep_freed_memory
+from coopsim.nn.inference.backend import find_device
 from coopsim.support.files import locked, make_folder, write_whole
+from coopsim.support.memory import keep_freed_memory
 from coopsim.support.rng import require_seed
 
 

@@ -7,7 +7,6 @@ it.
 
 from __future__ import annotations
 
-import gc
 import os
 import pickle
 import sys
@@ -21,6 +20,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import require_choice, require_count
+from coopsim.support.memory import release_freed_memory
 from coopsim.support.processes import cause_of_end, cores, import_ray, ray_environment, start_python, start_ray
 
 DoneT = TypeVar("DoneT")
@@ -180,7 +180,7 @@ def serve() -> None:
     while True:
         pickle.dump(jobs.get().run(), replies)
         replies.flush()
-        gc.collect()  # policies refer to themselves; until a collection by chance, maps of many episodes pile up
+        release_freed_memory()  # policies refer to themselves, and their maps are large
 
 
 def _listen(jobs: SimpleQueue[Work[Any]]) -> None:

@@ -8,10 +8,8 @@ of a frame are one batch.
 from __future__ import annotations
 
 import copy
-import ctypes
 import dataclasses
 import re
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,6 +20,7 @@ import torch
 from torch import Tensor, nn
 
 from coopsim.errors import InvalidValueError
+from coopsim.support.memory import keep_freed_memory
 from coopsim.support.precision import multiplies_bfloat16
 from coopsim.support.precision import precision as setting
 from coopsim.support.threads import run_all
@@ -112,7 +111,7 @@ def find_backend(device: str = "cpu", threads: int = 1) -> Backend:
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Give torch one thread within. Freed memory stays with the process from the first use on, see `memory`."""
+    """Give torch one thread within. Freed memory stays with the process from the first use on."""
     _settle()
     before = torch.get_num_threads()
     if before != 1:
@@ -173,25 +172,3 @@ def to_device(batch: Any, device: torch.device) -> Any:
     if isinstance(batch, dict):
         return {key: to_device(value, device) for key, value in batch.items()}
     return batch
-
-
-_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
-"""Parameters of glibc's `mallopt`."""
-
-
-def keep_freed_memory(most_bytes: int = 2**28) -> bool:
-    """Let the C library keep freed memory for the next allocation, up to `most_bytes`, for the whole process.
-
-    By default glibc gives arrays of megabytes back to the system as soon as they are freed, and a network asks for the
-    same ones again in each layer and frame: a third of the time of a small network on a processor is spent there.
-    Return False if the C library has no such setting: only glibc has.
-    """
-    if not sys.platform.startswith("linux"):
-        return False
-    try:
-        mallopt = ctypes.CDLL(None).mallopt
-    except (AttributeError, OSError):
-        return False
-    # Some releases refuse more than 32 MiB for what is asked of the system apart.
-    kept = mallopt(_MMAP_THRESHOLD, most_bytes) or mallopt(_MMAP_THRESHOLD, 2**25)
-    return bool(kept) and bool(mallopt(_TRIM_THRESHOLD, most_bytes))
