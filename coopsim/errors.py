@@ -110,6 +110,10 @@ class GridFileError(CoopsimError, ValueError):
     """A benchmark's grid file is missing or broken; the message names the file and, where known, the line."""
 
 
+class LeaderboardEntryError(CoopsimError, ValueError):
+    """A folder that enters the leaderboard is broken, or its policy may not enter; names file and line, if known."""
+
+
 class StoreError(CoopsimError, ValueError):
     """A file in a benchmark's store is broken; the message names it."""
 

@@ -165,8 +165,8 @@ def add_dry_run(parser: argparse._ActionsContainer) -> None:
     parser.add_argument("--dry-run", action="store_true", help=text)
 
 
-def add_isolation(parser: argparse._ActionsContainer) -> None:
-    """Declare `--isolate` and `--salt`."""
+def add_isolate(parser: argparse._ActionsContainer) -> None:
+    """Declare `--isolate`."""
     parser.add_argument(
         "--isolate",
         type=seconds,
@@ -175,6 +175,11 @@ def add_isolation(parser: argparse._ActionsContainer) -> None:
         metavar="SECONDS",
         help="run each policy in a process of its own, which gets observations alone; time limit of a frame: 60 s",
     )
+
+
+def add_isolation(parser: argparse._ActionsContainer) -> None:
+    """Declare `--isolate` and `--salt`."""
+    add_isolate(parser)
     parser.add_argument(
         "--salt",
         type=Path,

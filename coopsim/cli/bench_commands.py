@@ -115,7 +115,7 @@ _NO_NUMBER = {"--out": 1, "--workers": 1, "--engine": 1, "--address": 1, "--retr
 def _add_bench(parser: argparse.ArgumentParser) -> None:
     grid = parser.add_argument_group("grid", "flags replace values of the preset or file")
     add = grid.add_argument
-    presets = "quick, latency, pose, loss, bandwidth, paper, safety, lies, safety_networks, lies_places, lies_networks"
+    presets = "quick, latency, pose, loss, bandwidth, paper, safety, lies, leaderboard, ...: see `list presets`"
     add("--preset", metavar="NAME", help=presets)
     add("--grid", type=Path, metavar="FILE", help="YAML with these names, underscores for dashes")
     add("--trust", action="store_true", help="run policies that FILE names as module:Class or file.py:Class")

@@ -16,6 +16,7 @@ from coopsim.cli.clip_command import CLIP
 from coopsim.cli.completion_command import COMPLETION
 from coopsim.cli.demo_command import DEMO
 from coopsim.cli.detect_command import DETECT
+from coopsim.cli.entry_commands import ENTRY
 from coopsim.cli.export_commands import CHECK_EXPORT, EXPORT, EXPORT_RESULTS
 from coopsim.cli.info_command import INFO
 from coopsim.cli.list_command import LIST
@@ -42,6 +43,7 @@ _COMMANDS = {
     "train": TRAIN,
     "replay": REPLAY,
     "leaderboard": LEADERBOARD,
+    "entry": ENTRY,
     "completion": COMPLETION,
 }
 

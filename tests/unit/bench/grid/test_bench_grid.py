@@ -182,7 +182,7 @@ def test_every_preset_can_be_run(name: str) -> None:
 
 def test_presets_are_what_they_are_called() -> None:
     disturbing = {"bandwidth", "latency", "lies", "lies_networks", "lies_places", "loss", "pose"}
-    assert set(PRESETS) == disturbing | {"paper", "quick", "safety", "safety_networks"}
+    assert set(PRESETS) == disturbing | {"leaderboard", "paper", "quick", "safety", "safety_networks", "warm_up"}
     latency, pose, quick = (find_grid(name).grid() for name in ("latency", "pose", "quick"))
     assert (min(latency.latencies_ms), max(latency.latencies_ms)) == (0, 500)
     poses = [(each.position_noise_m, each.heading_noise_deg) for each in pose.conditions()]
