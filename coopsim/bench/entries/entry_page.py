@@ -77,7 +77,7 @@ class Board:
             raise InvalidValueError("a leaderboard needs at least one entry whose check passes")
         require_choice("baseline", baseline, [row.entry.name for row in rows])
         self._rows, self._baseline = {row.entry.name: row for row in rows}, baseline
-        self._heads = ("rank", "entry", *SHOWN, f"{SHOWN[0]} against {baseline}", "p", "worst", "in", BYTES_TITLE)
+        self._heads = ("rank", "entry", *SHOWN, f"{SHOWN[0]} against {baseline}", "p", "worst", "worst in", BYTES_TITLE)
         kinds = {row.scores["reads"] for row in rows}
         self._tables = {title: self._table(reads) for reads, title in _TITLES.items() if reads in kinds}
 

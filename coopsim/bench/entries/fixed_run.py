@@ -120,7 +120,7 @@ class FixedRun:
 
     def write(self, folder: Path, scores: Mapping[str, Any]) -> Path:
         """Write scores into an entry's folder, a line for each cell."""
-        lines = ",\n    ".join(json.dumps(cell) for cell in scores["cells"])
+        lines = ",\n    ".join(json.dumps(cell, ensure_ascii=False) for cell in scores["cells"])
         text = json.dumps({**scores, "cells": []}, indent=2)
         return write_whole(folder / self.file, text.replace('"cells": []', f'"cells": [\n    {lines}\n  ]') + "\n")
 
