@@ -346,6 +346,21 @@ def test_entries_of_the_repository_enter(folder: Path, monkeypatch: pytest.Monke
     assert check_folder(folder) == []
 
 
+def test_policies_on_sweeps_get_them_and_are_ranked_apart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert WARM_UP.grid().options == {"lidar": None, "vehicles": 6}
+    assert WARM_UP.grid(sweeps=True).options == {"vehicles": 6}
+    monkeypatch.setattr(fixed_run, "find_grid", find_grid)
+    folders = [Path(shutil.copytree(each, tmp_path / each.name)) for each in SHIPPED]
+    scores = json.loads((folders[0] / SCORED.file).read_text())
+    SCORED.write(folders[0], scores | {"reads": "sensors"})
+    assert main(["entry", "page", *map(str, folders), "--out", str(tmp_path / "site")]) == 0
+    boxes, sensors = capsys.readouterr().out.split("Policies that read sweeps or pictures")
+    assert folders[0].name in sensors and folders[0].name not in boxes
+    assert " -0." not in sensors and "| 1 " in sensors  # no difference to a baseline that reads something else
+
+
 def test_the_results_page_shows_their_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
