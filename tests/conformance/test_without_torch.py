@@ -24,7 +24,7 @@ def run(program: str) -> str:
 def test_learned_policies_and_detectors_name_the_extra() -> None:
     run("""
 from coopsim.errors import MissingDependencyError
-RANKINGS = ["learned(weights=mine.safetensors)"]
+RANKINGS = ["learned", "learned(weights=mine.safetensors)"]
 for make, names in (
     (coopsim.make_policy, ("early", "fcooper", "attfuse", "where2comm", "pyramid", "gsaf", "dmstrack", "yoloo")),
     (coopsim.make_policy, ("cooptrack", "univ2x", "vic_integrated")),

@@ -111,12 +111,27 @@ class Listening(Selection):
         oldest_ns = observation.time_ns - _VALID_NS
         self.reports = {name: each for name, each in self.reports.items() if each.captured_ns >= oldest_ns}
 
+    def others(self, sender: str, score: Floats, position: Floats) -> tuple[Floats, Ints]:
+        """Return what the others know of the agent's objects.
+
+        Returns:
+            the share (N,) of the other agents that are expected not to have the object in sight, 1 where nobody was
+            heard; and the number (N,) of the others whose last message had it with a higher score.
+        """
+        unseen, surer = list[Floats](), np.zeros(len(position), dtype=np.int64)
+        for name, report in self.reports.items():
+            away_m = np.hypot(*(position - report.world_SE3_base.translation[:2]).T)
+            unseen.append(-np.expm1(-np.square(away_m / _SIGHT_M)))
+            higher = (report.score > score[:, None]) | ((report.score == score[:, None]) & (name < sender))
+            surer += (report.same_objects(position) & higher).any(axis=1)
+        return np.mean(unseen, axis=0) if unseen else np.ones(len(position)), surer
+
 
 class ByNeed(Listening):
     """High scores first, of objects that the other agents are unlikely to know.
 
     The utility is the score, times the share of the other agents that are expected not to have the object in sight
-    (with the distance d to each, 1 - exp(-(d / 40 m)^2)), times 0.1 if another agent's last message had it with a
+    (with the distance d to each, 1 - exp(-(d / 40 m)^2)), times 0.1 for each whose last message had it with a
     higher score: of two agents that see an object, the one with the higher score goes on reporting it. Times 3 if the
     agent's own last message had it: trackers need repeated detections. Positions are compared in the world frame, by
     estimated poses.
@@ -128,17 +143,20 @@ class ByNeed(Listening):
     def utility(self, sender: str, observation: Observation) -> Floats:
         found = observation.detections
         position = found.boxes.transform(observation.pose.world_SE3_base).center[:, :2]
-        useful, unseen = found.score.copy(), list[Floats]()
-        for name, report in self.reports.items():
-            away_m = np.hypot(*(position - report.world_SE3_base.translation[:2]).T)
-            unseen.append(-np.expm1(-np.square(away_m / _SIGHT_M)))
-            surer = (report.score > found.score[:, None]) | ((report.score == found.score[:, None]) & (name < sender))
-            useful[(report.same_objects(position) & surer).any(axis=1)] *= _REPORTED
-        if unseen:
-            useful *= np.mean(unseen, axis=0)
+        unseen, surer = self.others(sender, found.score, position)
+        useful: Floats = found.score * np.power(_REPORTED, surer) * unseen
         if self.own is not None:
             useful[self.own.same_objects(position).any(axis=1)] *= _KEPT
         return useful
+
+
+def nearest(position: Floats, others: Floats) -> Ints:
+    """Return for each position (N, 2) the row of the nearest other (M, 2), -1 if none is near enough to be the same."""
+    if not len(others):
+        return np.full(len(position), -1)
+    away_m = np.hypot(*(position[:, None] - others).transpose(2, 0, 1))
+    rows: Ints = np.where(away_m.min(axis=1) < _SAME_M, away_m.argmin(axis=1), -1)
+    return rows
 
 
 def _report(message: Message, decoded: DecodeOnce) -> Report:
@@ -159,8 +177,8 @@ SELECTIONS.register("random")(AtRandom)
 
 
 @SELECTIONS.register("learned")
-def learned(rng: np.random.Generator, weights: str) -> Selection:
-    """Rank by what a network expects the others to gain; see `coopsim.comms.uplinks.learned_selection`.
+def learned(rng: np.random.Generator, weights: str = "what_to_say") -> Selection:
+    """Rank by learned weights, and say objects in a rhythm; see `coopsim.comms.uplinks.learned_selection`.
 
     Raises:
         MissingDependencyError: torch is not installed.
@@ -172,7 +190,7 @@ def learned(rng: np.random.Generator, weights: str) -> Selection:
 
 
 def make_selection(spec: object, rng: np.random.Generator) -> Selection:
-    """Make a ranking by its spec, such as `need` or `learned(weights=mine.safetensors)`.
+    """Make a ranking by its spec, such as `need`, `learned` or `learned(weights=mine.safetensors)`.
 
     Raises:
         UnknownNameError: there is no such ranking, or no such parameter.

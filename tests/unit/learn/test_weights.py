@@ -29,6 +29,7 @@ from coopsim.learn.weights import (
     load_point_identity,
     load_points_and_pictures,
     load_queries,
+    load_ranking,
     make_network,
     read_texts,
     save_weights,
@@ -159,8 +160,9 @@ def test_weights_that_ship_are_whole_small_and_those_of_their_card(name: str) ->
         load = load_pictures if texts["kind"] == "pictures" else load_points_and_pictures
         load(name, load_detector(texts["detector"]))
         assert bytes_ <= 3e6
-    elif texts["kind"] in ("covariance", "point_identity", "picture_identity"):
+    elif texts["kind"] in ("covariance", "point_identity", "picture_identity", "ranking"):
         load_one = {
+            "ranking": load_ranking,
             "covariance": load_covariance,
             "point_identity": load_point_identity,
             "picture_identity": load_picture_identity,
@@ -173,7 +175,8 @@ def test_weights_that_ship_are_whole_small_and_those_of_their_card(name: str) ->
         assert bytes_ <= 1.5e6
     said = card(name)
     assert said["weights"][name] == {"digest": digest(name), "bytes": bytes_}
-    assert said["command"].startswith(f"coopsim train {name} ")
+    made_by = "python examples/21_learn_what_to_say.py " if texts["kind"] == "ranking" else f"coopsim train {name} "
+    assert said["command"].startswith(made_by)
 
 
 @pytest.mark.parametrize("size", [{"features": 10**6}, {"channels": [8, 8, 10**6]}, {"layers": [0, 0, 10**6]}])
