@@ -25,6 +25,7 @@ from matplotlib.figure import Figure
 import coopsim
 from coopsim.bench.evaluate import listening_env, run_episode
 from coopsim.bench.results.statistics import mean_interval
+from coopsim.geometry.se3 import Floats
 from coopsim.metrics.built_in import all_metrics
 from coopsim.metrics.log_pool import LogPool
 
@@ -142,7 +143,7 @@ def table(rows: Rows, policy: str, places: list[str], selections: list[str]) -> 
         yield f"| {condition} | {len(found)} | {score[:, 0].mean():.1f} |{told} {sizes} |"
 
 
-def complete(rows: Rows, policy: str, places: list[str], condition: str, selections: list[str]) -> np.ndarray:
+def complete(rows: Rows, policy: str, places: list[str], condition: str, selections: list[str]) -> Floats:
     """Return the values (P, S, 2) of all rankings where every one was measured."""
     drawn = sorted({(key[1], key[4]) for key in rows if key[0] == policy and key[1] in places and key[2] == condition})
     keys = [[(policy, place, condition, each, seed) for each in selections] for place, seed in drawn]
