@@ -17,7 +17,7 @@ from coopsim.comms.envelope import decode_queries
 from coopsim.comms.uplinks.once_per_frame import EncodeOnce, StepOnce
 from coopsim.comms.uplinks.share_features import ShareInstances
 from coopsim.comms.uplinks.uplink import Uplink
-from coopsim.geometry.se3 import SE3
+from coopsim.geometry.se3 import SE3, Floats
 from coopsim.localization.odometry import OdometryFrame
 from coopsim.support.checks import require_between, require_probability
 from coopsim.support.methods import WeakMethod
@@ -25,6 +25,8 @@ from coopsim.types import AgentSpec, BevGrid, Detections, InstanceQueries, Messa
 from coopsim.types.valid_detections import drop_unreportable
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from coopsim.nn.queries.cooptrack_fusion import ReceivedInstances
     from coopsim.nn.queries.instances import Instances
     from coopsim.nn.queries.perceiver import QueryState
@@ -128,6 +130,12 @@ class QueryPolicy(PerceivingPolicy):
             self._see(observation.view(self.specs[agent])), placed, self.least_affinity,
         )  # fmt: skip
         return self._reported(chain.now.instances, region)
+
+    def shown(
+        self, content: InstanceQueries, vectors: Tensor, heading_rad: float, offset_m: Floats
+    ) -> tuple[Tensor, Tensor]:
+        """Return what a message alone shows, for attackers who know the weights; see `QueryPerceiver`."""
+        return self._perceiver.shown(content, vectors, heading_rad, offset_m)
 
     def found_by(self, heading_rad: float, content: Instances) -> Detections:
         from coopsim.nn.queries.perceiver import detections_of

@@ -163,6 +163,10 @@ class Attack:
         if not (self.against is None or isinstance(self.against, str)):
             raise InvalidValueError(f"against must be the name of an agent or None, got {self.against!r}")
 
+    def accepted(self) -> tuple[str, ...]:
+        """Return the contents of messages that the attack can lie in with its parameters; () for all."""
+        return contents_of(type(self))
+
     def active(self, time_s: float) -> bool:
         """Return whether the agent lies at a time."""
         return self.start_s <= time_s <= self.end_s

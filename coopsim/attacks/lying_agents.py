@@ -152,10 +152,10 @@ class _Liar:
     ) -> None:
         self.attacks = attacks
         for attack in attacks:
-            if attack.knowledge == KNOWLEDGE[-1] and not hasattr(network, "heat"):
+            if attack.knowledge == KNOWLEDGE[-1] and not (hasattr(network, "heat") or hasattr(network, "shown")):
                 raise InvalidValueError(
-                    f"attack {_name_of(attack)!r} needs the weights of a policy on maps of features, such as attfuse, "
-                    f"as the option uplink: got {network!r}"
+                    f"attack {_name_of(attack)!r} needs the weights of a policy on maps of features or on queries, "
+                    f"such as attfuse or cooptrack, as the option uplink: got {network!r}"
                 )
         self._spec, self._kinds, self._network = spec, kinds, network
         self._rngs = [stream(seed, "attack", spec.name, str(number)) for number in range(len(attacks))]
@@ -252,15 +252,16 @@ def _name_of(attack: Attack) -> str:
 
 
 def _require_content(attack: Attack, uplink: Uplink, agent: str) -> None:
-    accepted, hooks = contents_of(type(attack)), hooks_of(type(attack))
+    accepted, hooks = attack.accepted(), hooks_of(type(attack))
     if not hooks:
         raise InvalidValueError(f"attack {_name_of(attack)!r} overrides no hook, so it has no effect")
     if uplink.content == "none":  # an agent that says nothing cannot lie: the line of one's own view alone
         return
     if accepted and uplink.content not in accepted:
+        which = "" if accepted == contents_of(type(attack)) else " with these parameters"
         raise InvalidValueError(
-            f"attack {_name_of(attack)!r} lies in {' or '.join(accepted)}, and {agent} broadcasts {uplink.content!r}: "
-            "choose another attack, or a policy with another uplink"
+            f"attack {_name_of(attack)!r} lies{which} in {' or '.join(accepted)}, and {agent} broadcasts "
+            f"{uplink.content!r}: choose another attack, or a policy with another uplink"
         )
     if _changes(attack, uplink.content) and not (isinstance(uplink, ContentUplink) and uplink.shows_content):
         raise InvalidValueError(

@@ -21,6 +21,7 @@ _POLICIES: Mapping[str, str] = {
     "tracks": "track_to_track",
     "points": "no_fusion",
     "features": "attfuse",
+    "queries": "cooptrack",
 }
 """A policy for each content of messages; points are shared by the uplink of that name."""
 

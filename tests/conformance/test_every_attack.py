@@ -30,7 +30,7 @@ class Mine(coopsim.Attack):
 
 @pytest.mark.parametrize("name", ATTACKS.names())
 def test_every_registered_attack_keeps_the_rules(name: str) -> None:
-    if ATTACKS.get(name).contents == ("features",):
+    if ATTACKS.get(name).knowledge == "weights":
         pytest.importorskip("torch")
     spec = {"flood": "flood(messages=5)", "overload": "overload(objects=20)", "replay": "replay(delay_s=0.1)"}
     check_attack(spec.get(name, name))

@@ -74,6 +74,6 @@ def test_removal_cools_the_objects_that_the_attacker_sees(honest: Any) -> None:
     assert falls and np.mean(falls) > 0.2
 
 
-def test_an_attack_on_features_needs_a_policy_with_maps() -> None:
-    with pytest.raises(InvalidValueError, match="'pgd' needs the weights of a policy on maps of features"):
+def test_an_attack_by_gradients_needs_a_policy_with_maps_or_queries() -> None:
+    with pytest.raises(InvalidValueError, match="'pgd' needs the weights of a policy on maps of features or"):
         coopsim.parallel_env("crossing", uplink=coopsim.make_policy("late_fusion"), attacks={"cav_1": "pgd"})

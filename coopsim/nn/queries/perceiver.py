@@ -25,7 +25,7 @@ from coopsim.nn.queries.query_net import LEAST_SCORE, QueryNet, SeenMap, kept_in
 from coopsim.types import NS_PER_S, BevGrid, Detections, InstanceQueries
 from coopsim.types.valid_detections import FARTHEST_M
 
-_FAST_M_S = 10.0
+FAST_M_S = 10.0
 """Velocities are sent in this unit, behind the features."""
 
 _LARGEST = 1e4
@@ -112,7 +112,7 @@ class QueryPerceiver:
     def message(self, known: Instances, heading_rad: float) -> InstanceQueries:
         """Return instances as they are sent: in the base frame, with their features and velocities as one vector."""
         placed = known.moved(SE3.from_xyz_yaw(np.zeros(3), -heading_rad))
-        vectors = torch.cat([placed.semantic, placed.motion, placed.velocity / _FAST_M_S], dim=1)
+        vectors = torch.cat([placed.semantic, placed.motion, placed.velocity / FAST_M_S], dim=1)
         found = detections_of(placed)
         return InstanceQueries(vectors.numpy(force=True), found.boxes, found.score, found.label, self._space)
 
@@ -133,13 +133,37 @@ class QueryPerceiver:
             raise CodecError(f"queries must be finite and within {_LARGEST:g}")
         if np.abs(content.boxes.array).max(initial=0.0) > FARTHEST_M:
             raise CodecError(f"boxes must be within {FARTHEST_M:g} m of their sender")
+        known = self._instances(content, torch.from_numpy(np.array(content.feature)))
+        return self._backend.put(known.surest(self._net.config.places))
+
+    def shown(
+        self, content: InstanceQueries, vectors: Tensor, heading_rad: float, offset_m: Floats
+    ) -> tuple[Tensor, Tensor]:
+        """Return the logits (K, 9) and boxes (K, 7) in the sender's base frame that a message alone shows a receiver.
+
+        Both have the gradients of its vectors.
+
+        Args:
+            content: message of K queries.
+            vectors: (K, D) vectors instead of the message's own.
+            heading_rad: heading of the sender.
+            offset_m: (3,) place of the sender less that of the receiver, in the world's axes.
+        """
+        compass_SE3_base = SE3.from_xyz_yaw(np.zeros(3), heading_rad)
+        receiver_SE3_sender = SE3.from_xyz_yaw(offset_m, 0.0)
+        with torch.enable_grad():
+            known = self._backend.put(self._instances(content, vectors)).moved(compass_SE3_base)
+            found, logits = self._net.shown(ReceivedInstances(known, receiver_SE3_sender, 0.0))
+            placed = found.moved(receiver_SE3_sender.compose(compass_SE3_base).inverse())
+        return logits, placed.box
+
+    def _instances(self, content: InstanceQueries, vectors: Tensor) -> Instances:
+        """Return a message with these vectors as instances in the sender's base frame."""
         box, score = (torch.from_numpy(np.array(each, np.float32)) for each in (content.boxes.array, content.score))
         seen = self._net.seen(box, score.clamp(0.0, 1.0), torch.from_numpy(np.array(content.label)))
-        vectors = torch.from_numpy(np.array(content.feature))
         first, last = self._width, 2 * self._width
         semantic, motion, velocity = vectors[:, :first], vectors[:, first:last], vectors[:, last:]
-        known = replace(seen, semantic=semantic, motion=motion, velocity=velocity * _FAST_M_S).as_received()
-        return self._backend.put(known.surest(self._net.config.places))
+        return replace(seen, semantic=semantic, motion=motion, velocity=velocity * FAST_M_S).as_received()
 
     def _see(self, frames: Sequence[SensedFrame]) -> list[SeenMap]:
         canvases = [canvas_around(each.position_m, self._canvas_m) for each in frames]

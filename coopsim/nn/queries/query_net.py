@@ -182,6 +182,19 @@ class QueryNet(nn.Module):
         refined, logits = self.agent.refine(known)
         return QueryStep(refined, logits, compared)
 
+    def shown(self, received: ReceivedInstances) -> tuple[Instances, Tensor]:
+        """Return the refined instances that a message alone shows, one for each in it, and their logits (K, 9).
+
+        The receiver knows nothing and has an empty map.
+        """
+        assert self.fusion is not None
+        own = received.instances[torch.arange(0)]
+        known, _ = self.fusion(own, [received], 0.0, len(received.instances))
+        if self.fusion.before_decoding:
+            empty = own.box.new_zeros(self.config.features, 1, 1)
+            known = self.agent.decode(known, SeenMap(empty, BevGrid((-1, 1), (-1, 1), 2.0), own))
+        return self.agent.refine(known)
+
 
 LEAST_SCORE = 0.1
 """Peaks and instances with smaller scores are forgotten."""
