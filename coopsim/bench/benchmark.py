@@ -129,11 +129,12 @@ def check(grid: Grid, isolation: Isolation = Isolation()) -> dict[str, PolicySpe
 
 
 def _try_environments(grid: Grid, policy: Policy, text: str) -> None:
-    """Make the environments of a policy in the hardest conditions of each scenario."""
+    """Make the environments of a policy in the hardest conditions of each scenario, and under each attack."""
     for scenario in grid.scenarios:
         met = [condition for condition in grid.conditions() if condition.scenario == scenario]
         hardest = {max(met, key=lambda each: each.latency_s), min(met, key=lambda each: each.bandwidth_bit_s)}
-        for condition in sorted(hardest):
+        attacked = {condition.attacks: condition for condition in met}
+        for condition in sorted({*hardest, *attacked.values()}):
             options = environment_options(Cell(text, condition, grid.seeds[0], grid.frames), grid.options)
             listening_env(scenario, policy, options).close()
 

@@ -33,10 +33,10 @@ _SIGHT_M = 40.0
 _SAME_M = 2.5
 """Objects closer than this are taken for the same."""
 
-_REPORTED = 0.1
+REPORTED = 0.1
 """Factor on the utility of an object that another agent has just reported with a higher score."""
 
-_KEPT = 3.0
+KEPT = 3.0
 """Factor on the utility of an object of the agent's last message: trackers need repeated detections."""
 
 _VALID_NS = NS_PER_S // 2
@@ -144,9 +144,9 @@ class ByNeed(Listening):
         found = observation.detections
         position = found.boxes.transform(observation.pose.world_SE3_base).center[:, :2]
         unseen, surer = self.others(sender, found.score, position)
-        useful: Floats = found.score * np.power(_REPORTED, surer) * unseen
+        useful: Floats = found.score * np.power(REPORTED, surer) * unseen
         if self.own is not None:
-            useful[self.own.same_objects(position).any(axis=1)] *= _KEPT
+            useful[self.own.same_objects(position).any(axis=1)] *= KEPT
         return useful
 
 
@@ -178,7 +178,7 @@ SELECTIONS.register("random")(AtRandom)
 
 @SELECTIONS.register("learned")
 def learned(rng: np.random.Generator, weights: str = "what_to_say") -> Selection:
-    """Rank by learned weights, and say objects in a rhythm; see `coopsim.comms.uplinks.learned_selection`.
+    """Rank by what a network expects the others to gain; see `coopsim.comms.uplinks.learned_selection`.
 
     Raises:
         MissingDependencyError: torch is not installed.
@@ -190,7 +190,7 @@ def learned(rng: np.random.Generator, weights: str = "what_to_say") -> Selection
 
 
 def make_selection(spec: object, rng: np.random.Generator) -> Selection:
-    """Make a ranking by its spec, such as `need`, `learned` or `learned(weights=mine.safetensors)`.
+    """Make a ranking by its spec, such as `need`, `in_turn` or `learned(weights=mine.safetensors)`.
 
     Raises:
         UnknownNameError: there is no such ranking, or no such parameter.

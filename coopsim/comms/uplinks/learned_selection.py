@@ -7,27 +7,23 @@ from pathlib import Path
 
 import numpy as np
 
-from coopsim.comms.decode_once import DecodeOnce
-from coopsim.comms.uplinks.budget import Listening, nearest
+from coopsim.comms.uplinks.budget import Listening, Report
 from coopsim.geometry.se3 import Floats
-from coopsim.types import Message, Observation
+from coopsim.types import Mask, Observation
 
-_LEAST = 1e-3  # of what has a logarithm
-_CONFIRMED = 3  # times said; AB3DMOT reports a track from its third detection on
-_LOST_FRAMES = 10.0  # over which losses are averaged: a second at 10 Hz
-_TURNS = 4  # messages that must arrive if objects are said in turn: two of each half
+_UNIT_M = 50.0  # of distances
+_LENGTH_M = 5.0  # of objects
 
 
 class Learned(Listening):
-    """The quantities of "need", and the rhythm in which objects are repeated, with learned weights.
+    """The objects first by which the other agents are expected to gain most, on average over these agents.
 
-    A tracker keeps an object for some frames after the last message that had it. So a sender may say some objects in
-    this frame and others in the next. How soon to say an object again is learned, by `examples/21_learn_what_to_say.py`
-    from the score of whole episodes, for any number of agents.
+    A network of an object and a receiver says the gain, so any number of agents will do. It is trained by
+    `examples/21_learn_what_to_say.py`. Where nobody has been heard, the highest scores come first.
 
     Args:
         rng: the agent's random stream; not used.
-        weights: name of the weights, or path of their file.
+        weights: name of the network's weights, or path of their file.
 
     Raises:
         MissingDependencyError: torch is not installed.
@@ -40,55 +36,43 @@ class Learned(Listening):
         importlib.import_module("coopsim.nn")  # names the extra, where torch is missing
         from coopsim.learn.weights import load_ranking
 
-        self.weight: Floats = load_ranking(weights).weight.numpy().astype(np.float64)
-        self._at, self._ago, self._times = np.zeros((0, 2)), np.zeros(0), np.zeros(0)
-        self._share, self._lost = 0.0, 0.0
-
-    def hear(self, observation: Observation, decoded: DecodeOnce) -> None:
-        known = set(self.reports)
-        super().hear(observation, decoded)
-        if known:
-            missing = len(known - {message.sender for message in observation.inbox}) / len(known)
-            self._lost += (missing - self._lost) / _LOST_FRAMES
-
-    def sent(self, message: Message, decoded: DecodeOnce) -> None:
-        super().sent(message, decoded)
-        said = np.zeros(len(self._at), dtype=bool)
-        if self.own is not None:
-            rows = nearest(self.own.position, self._at)
-            said[rows[rows >= 0]] = True
-            self._share = min(1.0, len(rows) / max(len(self._at), 1))
-        self._ago += 1
-        self._times = np.where(said, 1 + np.where(self._ago <= _CONFIRMED, self._times, 0), self._times)
-        self._ago[said] = 1
+        self.net = load_ranking(weights)
 
     def utility(self, sender: str, observation: Observation) -> Floats:
-        utility: Floats = self.rows(sender, observation) @ self.weight
+        rows = self.rows(observation)
+        if not len(rows):
+            return observation.detections.score
+        utility: Floats = self.net.gains(rows).mean(axis=0) + float(self.net.keep) * rows[0, :, -1]
         return utility
 
-    def rows(self, sender: str, observation: Observation) -> Floats:
-        """Return the numbers (N, 11) of the detections.
+    def rows(self, observation: Observation) -> Floats:
+        """Return the network's input (R, N, 10), for each agent heard, in the order of `reports`, and each detection.
 
-        They are the logarithms of the score and of the share of the others that are not likely to see the object, and
-        the number of others who reported it with a higher score. Then four of the rhythm, each 1 or 0: said in the last
-        message, and in less than three before; said in the last, and in three; said in the one before; said in the
-        third last. They stand there twice: times `scarce`, and times 1 - `scarce`. That is the share of objects that
-        did not fit into the last message, times the probability that four messages in a row arrive.
+        The numbers: score; distance from the sender; the place in the receiver's frame, ahead and to a side, and its
+        distance; the score with which the receiver itself reported the object, and the highest of third agents;
+        distance of the nearest third agent; length; whether the sender's last message had it. Distances are in 50 m,
+        lengths in 5 m.
         """
         found = observation.detections
-        position = found.boxes.transform(observation.pose.world_SE3_base).center[:, :2]
-        self._follow(position)
-        unseen, surer = self.others(sender, found.score, position)
-        last, often = self._ago == 1, self._times >= _CONFIRMED
-        rhythm = np.column_stack([last & ~often, last & often, self._ago == 2, self._ago == 3])
-        scarce = (1 - self._share) * (1 - self._lost) ** _TURNS
-        logs = np.log(np.maximum(np.column_stack([found.score, unseen]), _LEAST))
-        return np.column_stack([logs, surer, scarce * rhythm, (1 - scarce) * rhythm])
+        at = found.boxes.transform(observation.pose.world_SE3_base).center
+        reports = list(self.reports.values())
+        said = np.array([_said(report, at) for report in reports]).reshape(len(reports), len(at))
+        places = np.array([report.world_SE3_base.translation[:2] for report in reports]).reshape(-1, 1, 2)
+        away = np.hypot(*(at[:, :2] - places).transpose(2, 0, 1)) / _UNIT_M
+        own = np.hypot(*found.boxes.center[:, :2].T) / _UNIT_M
+        last = np.zeros(len(at), bool) if self.own is None else self.own.same_objects(at[:, :2]).any(axis=1)
+        rows = np.zeros((len(reports), len(at), 10))
+        for r, report in enumerate(reports):
+            local, third = report.world_SE3_base.inverse().apply(at) / _UNIT_M, np.arange(len(reports)) != r
+            by_third = said[third].max(axis=0, initial=0.0), away[third].min(axis=0, initial=2.0)
+            place = local[:, 0], np.abs(local[:, 1]), away[r]
+            length = found.boxes.size[:, 0] / _LENGTH_M
+            rows[r] = np.column_stack([found.score, own, *place, said[r], *by_third, length, last])
+        return rows
 
-    def _follow(self, position: Floats) -> None:
-        """Carry over to this frame's objects when and how often they were said."""
-        before = nearest(position, self._at)
-        known = before >= 0
-        ago, times = np.full(len(position), np.inf), np.zeros(len(position))
-        ago[known], times[known] = self._ago[before[known]], self._times[before[known]]
-        self._at, self._ago, self._times = position, ago, times
+
+def _said(report: Report, at: Floats) -> Floats:
+    """Return the highest score (N,) with which a report has the objects at `at` (N, 3); 0: it has them not."""
+    same: Mask = report.same_objects(at[:, :2])
+    score: Floats = (same * report.score).max(axis=1, initial=0.0)
+    return score
