@@ -33,7 +33,7 @@ class GradientAttack(PlacedClaim):
 
     Attributes:
         goal: "spoof" (an object before the victim, as `ghost` places it) or "remove" (the objects within 20 m of that
-            place: of a map those that the attacker detects, of queries those that it sends).
+            place which the attacker detects, or sends as queries).
         eps: largest change of a number. ROBOSAC takes 0.5, MADE 0.05 to 0.5.
         steps: number of gradient steps in a frame; each frame goes on from the last one's change.
         window_m: half the edge of the square around a target in which numbers of a map are changed.

@@ -16,7 +16,7 @@ _AGAIN, _REST, _DUE = -1.0, -3.0, 3.0  # chosen in towns 510 to 513, see docs/re
 
 
 class InTurn(Listening):
-    """As "need", and where few objects fit, those of the last message wait while others are said.
+    """The ranking "need" with a rhythm: where few objects fit, those of the last message wait while others are said.
 
     A tracker keeps an object for some frames without a detection. So the utility of "need", without its factor for
     what the last message had, is multiplied by a rhythm: exp(-1) for an object of the last message that was said less
