@@ -23,11 +23,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import coopsim
-from coopsim.bench.evaluate import listening_env, run_episode
 from coopsim.bench.results.statistics import mean_interval
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.built_in import all_metrics
-from coopsim.metrics.log_pool import LogPool
 
 CONDITIONS: dict[str, dict[str, Any]] = {
     **{f"{size} bytes": {"budget_bytes": size} for size in (110, 150, 240, 400)},
@@ -81,14 +78,9 @@ def measured(policy: str, place: str, condition: str, selection: str, seed: int)
 
 
 def run(policy: str, place: str, seed: int, **options: Any) -> tuple[float, float]:
-    """Return sAMOTA, as `coopsim.evaluate` does without the other metrics, and bytes a second of an agent."""
-    made = coopsim.make_policy(policy)
-    env = listening_env(place, made, {"lidar": None, "max_cycles": 50, **options})
-    run_episode(env, made, seed=seed)
-    scores = [all_metrics()["sAMOTA"].value(LogPool.of([log])) for log in env.logs.values()]
-    sent = [env.bytes_per_s(name) for name in env.logs]
-    env.close()
-    return float(np.nanmean(np.array(scores, dtype=float))), float(np.mean(sent))
+    """Return sAMOTA, and bytes a second of an agent."""
+    score = coopsim.evaluate(policy, place, seed=seed, lidar=None, max_cycles=50, **options).score
+    return score["sAMOTA"], score["bytes_per_s"]
 
 
 @cache

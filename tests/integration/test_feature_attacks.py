@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from lying_car import begin
 
 import coopsim
 from coopsim.comms.envelope import decode_features
 from coopsim.errors import InvalidValueError
-from coopsim.wire.observation_format import ObservationFormat
 
 torch = pytest.importorskip("torch")
 
@@ -20,13 +20,7 @@ EPS, ROUNDING = 0.5, 0.06
 
 def play(attack: str | None) -> tuple[Any, list[Any], list[Any]]:
     """Return the policy, the liar's maps, and its lies, by frame."""
-    policy = coopsim.make_policy("attfuse")
-    options = {"lidar": "VLP-16", "lidar_columns": 256, "vehicles": 6, "max_cycles": 3}
-    attacks = None if attack is None else {"cav_1": attack}
-    env = coopsim.parallel_env("crossing", uplink=policy, attacks=attacks, **options)
-    form = ObservationFormat.to_unpack(env.agent_specs)
-    packed, _ = env.reset(seed=3)
-    policy.reset(env.agent_specs, seed=3)
+    policy, env, form, packed = begin("attfuse", attack, 3, lidar_columns=256, vehicles=6, max_cycles=3)
     maps, lies = [], []
     while True:
         inbox = form.unpack_all(packed)["cav_0"].inbox

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from lying_car import begin
 
 import coopsim
 from coopsim.comms.envelope import decode_queries
 from coopsim.errors import InvalidValueError
-from coopsim.wire.observation_format import ObservationFormat
 
 torch = pytest.importorskip("torch")
 
@@ -32,13 +32,7 @@ def play(attack: str | None, name: str = "cooptrack", ahead_m: float = 20.0) -> 
     """
     if attack is not None:
         attack = attack.replace(")", f", ahead_m={ahead_m})")
-    policy = coopsim.make_policy(name)
-    options = {"lidar": "VLP-16", "lidar_columns": 512, "vehicles": 12, "max_cycles": 4}
-    attacks = None if attack is None else {"cav_1": attack}
-    env = coopsim.parallel_env("crossing", uplink=policy, attacks=attacks, **options)
-    form = ObservationFormat.to_unpack(env.agent_specs)
-    packed, _ = env.reset(seed=1)
-    policy.reset(env.agent_specs, seed=1)
+    policy, env, form, packed = begin(name, attack, 1, lidar_columns=512, vehicles=12, max_cycles=4)
     frames = []
     while env.agents:
         seen = form.unpack_all(packed)["cav_0"]

@@ -41,8 +41,13 @@ class Work(Protocol[DoneT_co]):
 
 
 def run_work(work: Work[DoneT]) -> DoneT:
-    """Do a piece of work; a function, which can be sent to other processes."""
-    return work.run()
+    """Do a piece of work, and release its memory: policies refer to themselves, and their maps are large.
+
+    It is a function, which can be sent to other processes.
+    """
+    done = work.run()
+    release_freed_memory()
+    return done
 
 
 _OF_THE_WORK = ("WorkerCrashedError", "OutOfMemoryError", "RayTaskError")
@@ -178,9 +183,8 @@ def serve() -> None:
     jobs: SimpleQueue[Work[Any]] = SimpleQueue()
     threading.Thread(target=_listen, args=(jobs,), daemon=True).start()
     while True:
-        pickle.dump(jobs.get().run(), replies)
+        pickle.dump(run_work(jobs.get()), replies)
         replies.flush()
-        release_freed_memory()  # policies refer to themselves, and their maps are large
 
 
 def _listen(jobs: SimpleQueue[Work[Any]]) -> None:

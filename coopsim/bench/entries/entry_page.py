@@ -17,6 +17,7 @@ from coopsim.bench.report.bench_text import (
     BYTES_TITLE,
     difference_text,
     form_of,
+    format_p_value,
     format_value,
     interval_beside,
     markdown_table,
@@ -171,7 +172,7 @@ def changes_from(table: ResultTable, baseline: str) -> dict[str, tuple[str, str]
     found = {name: bootstrap_difference(change) for name, change in known.items()}
     p_values = holm(np.array([max(found[name][1], sign_flip_p_value(known[name])) for name in found]))
     return {
-        name: (difference_text(found[name][0], ".1f"), "< 0.001" if p_value < 0.001 else f"{p_value:.3f}")
+        name: (difference_text(found[name][0], ".1f"), format_p_value(p_value))
         for name, p_value in zip(found, p_values.tolist(), strict=True)
     }
 

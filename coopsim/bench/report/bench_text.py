@@ -235,6 +235,11 @@ def format_value(value: float, form: str) -> str:
     return "-" if math.isnan(value) else format(value, form)
 
 
+def format_p_value(value: float) -> str:
+    """Format a p-value with three digits; a smaller one is below the smallest that they show."""
+    return "< 0.001" if value < 0.001 else f"{value:.3f}"
+
+
 def score_row(score: Score, frames_per_s: float) -> dict[str, float]:
     """Return a score's values by column; NaN where the score has none."""
     values = {**score.values, BYTES_TITLE: score[BYTES], FRAMES_TITLE: frames_per_s}

@@ -10,6 +10,7 @@ from typing import Any
 from tabulate import tabulate
 
 from coopsim.bench.grid.cell import Condition, label
+from coopsim.bench.report.bench_text import format_p_value
 from coopsim.bench.report.formats import to_csv_text
 from coopsim.bench.results.comparison import Comparison, Difference
 from coopsim.bench.results.statistics import LEVEL, seeds_needed, smallest_p_value
@@ -35,8 +36,8 @@ def to_text(comparison: Comparison) -> str:
             f"{row.after:.4g}",
             f"{row.change.mean:+.3g}",
             _interval(row),
-            _p_value(row.p_value),
-            _p_value(row.p_corrected),
+            format_p_value(row.p_value),
+            format_p_value(row.p_corrected),
             row.verdict,
         ]
         for row in comparison.differences
@@ -118,9 +119,8 @@ def _findings(comparison: Comparison) -> list[str]:
         first = rows[0]
         finding = _finding(comparison, first)
         where = "over all conditions" if first.condition is None else _condition(first, conditions)
-        change = (
-            f"{first.change.mean:+.3g}, 95 % interval {_interval(first)}, corrected p {_p_value(first.p_corrected)}"
-        )
+        p_value = format_p_value(first.p_corrected)
+        change = f"{first.change.mean:+.3g}, 95 % interval {_interval(first)}, corrected p {p_value}"
         line = f"{policy}, {metric}, {where}: {finding} (B - A = {change})."
         each = [row for row in rows if row.condition is not None]
         better, worse = (sum(row.verdict == name for row in each) for name in ("better", "worse"))
@@ -186,7 +186,3 @@ def _interval(row: Difference) -> str:
     if not math.isfinite(row.change.low):
         return "needs 4 seeds"
     return f"{row.change.low:+.3g} to {row.change.high:+.3g}"
-
-
-def _p_value(value: float) -> str:
-    return "< 0.001" if value < 0.001 else f"{value:.3f}"
