@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.sensors.visibility import PixelVisibility, Visibility
 from coopsim.types import AgentSpec, CameraImage, GroundTruth, Ints, Observation, Tracks, stack_xyz_yaw
@@ -147,6 +149,20 @@ class FrameSource(ABC):
     def reset_options(self) -> tuple[str, ...]:
         """Names that `reset(options=...)` understands."""
         return ()
+
+    def known_options(self, options: object) -> dict[str, Any]:
+        """Return the options of a `reset` that the source understands; warn of others.
+
+        Raises:
+            InvalidValueError: the options are no dict.
+        """
+        if not (options is None or isinstance(options, Mapping)):
+            raise InvalidValueError(f"reset options must be a dict or None, got {options!r}")
+        known = {key: value for key, value in (options or {}).items() if key in self.reset_options}
+        for key in sorted(set(map(str, options or {})) - set(known)):
+            accepted = ", ".join(self.reset_options) or "none"
+            warnings.warn(f"reset option {key!r} is ignored; accepted: {accepted}", stacklevel=3)
+        return known
 
     def close(self) -> None:
         """Release the source's resources."""

@@ -14,7 +14,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
@@ -22,30 +22,29 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from coopsim.comms.channel.channel import ChannelCounts
+from coopsim.envs.episode_scores import EpisodeScores
 from coopsim.envs.exchange import Exchange, make_uplinks, message_parts
 from coopsim.envs.frames import Frame, FrameProbe, FrameSource, actor_rows, truth_infos, with_lies
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.rewards import RewardOption
-from coopsim.envs.scorer import Scorer
-from coopsim.envs.scoring import DriveRecorder, Rewards, ScoredView, deception_logs, note_lies
+from coopsim.envs.scoring import Rewards, ScoredView
 from coopsim.errors import EpisodeStateError, InvalidValueError, RecordingError, UnknownNameError
 from coopsim.metrics.drive_log import DriveLog
-from coopsim.metrics.score import Score, summarize
+from coopsim.metrics.score import Score
 from coopsim.metrics.track_log import TrackLog
-from coopsim.metrics.trust_log import TrustLog
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import fresh_seed, require_seed
 from coopsim.types import NS_PER_S, AgentSpec, CameraImage, Tracks
 from coopsim.types.driving import CarState
-from coopsim.types.lies import Lie, lying_senders
+from coopsim.types.lies import Lie
 from coopsim.types.messages import MOST_STRANGERS
 from coopsim.viz.bev import BevFrame
 from coopsim.wire.actions import action_space, idle, unpack_actions
+from coopsim.wire.columns import space_of
 from coopsim.world.snapshot import RoadMap
 
 Packed = dict[str, Any]
 Stepped = tuple[dict[str, Packed], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]
-AgentSpace = TypeVar("AgentSpace", bound=spaces.Space[Any])
 
 
 class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  # pettingzoo is untyped
@@ -107,9 +106,8 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._seed: int | None = None
         self._halfway = False  # a call began to change things and did not come to its end
         self._exchange: Exchange
-        self._scorer: Scorer
+        self._scores: EpisodeScores
         self._observations: dict[str, Packed] = {}
-        self._gained: dict[str, float] = {}  # rewards of messages, of the step to this frame
         self._view = ScoredView()
 
     def __repr__(self) -> str:
@@ -178,12 +176,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         seed = self.default_seed if seed is None else seed
         seed = fresh_seed() if seed is None else seed
         require_seed(seed)
-        if not (options is None or isinstance(options, Mapping)):
-            raise InvalidValueError(f"reset options must be a dict or None, got {options!r}")
-        known = {key: value for key, value in (options or {}).items() if key in self._source.reset_options}
-        for key in sorted(set(map(str, options or {})) - set(known)):
-            accepted = ", ".join(self._source.reset_options) or "none"
-            warnings.warn(f"reset option {key!r} is ignored; accepted: {accepted}", stacklevel=2)
+        known = self._source.known_options(options)
         before, self._halfway = self._halfway, True
         try:
             self._frame = self._source.start(seed, known)
@@ -192,14 +185,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             raise
         self._seed = seed
         self._exchange = Exchange(self._options, self._source.specs, self.road_map.buildings, seed)
-        self._scorer = Scorer(
-            tuple(self._frame.agents),  # of a recording, an episode need not have all possible ones
-            self._options.match_iou,
-            self._source.region_m,
-        )
-        self._drives = DriveRecorder(self._frame, self._source.conflicts)
-        self._trusts: dict[str, TrustLog] = {}
-        self._deceptions = deception_logs(self._options.attacks, self._frame)
+        self._scores = EpisodeScores(self._source, self._options, self._frame)
         self.agents = list(self._frame.agents)
         self._rewards.begin(self.agent_specs, self._options.match_iou, self._source.region_m, seed)
         self._view.begin(self.road_map, self._frame)
@@ -227,23 +213,20 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         tracks, commands, said = unpack_actions(self.agents, actions, driving, self._parts)
         messages = self._exchange.compose(frame, said)
         self._halfway = True
-        note_lies(self._deceptions, frame, tracks, self.lies, self._source.region_m)
-        counts = self._scorer.update(frame.agents, tracks)
+        counts = self._scores.update(frame, tracks, self.lies)
         over = self._frame = replace(frame, probe=FrameProbe())  # frees the scene that is over
         self._view.update(over, tracks, self.lies)
         self._exchange.tell(over, messages, said)
         self._frame = frame = self._source.advance(commands, tracks)
-        self._drives.update(over, tracks, frame)
+        self._scores.note_drives(over, tracks, frame)
         observations = self._observe(frame)
-        reported = self.agents
         self.agents = [] if frame.last else list(frame.agents)
-        rewards = {name: self._rewards.of(counts[name], over.agents[name], frame.agents.get(name)) for name in reported}
-        rewards |= {name: value for name, value in self._gained.items() if name in rewards}
+        rewards = self._rewards.of_step(counts, over, frame)
         truth = self._truths(frame)
-        infos = {name: {"counts": counts[name].as_dict(), **truth.get(name, {})} for name in reported}
+        infos = {name: {"counts": counts[name].as_dict(), **truth.get(name, {})} for name in counts}
         self._show_if_human()
-        crashed = dict.fromkeys(reported, frame.crashed)
-        truncated = dict.fromkeys(reported, frame.last and not frame.crashed)
+        crashed = dict.fromkeys(counts, frame.crashed)
+        truncated = dict.fromkeys(counts, frame.last and not frame.crashed)
         self._halfway = False
         return observations, rewards, crashed, truncated, infos
 
@@ -274,28 +257,14 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     def score(self) -> Score:
         """Return the episode's score so far: each agent's and their mean."""
-        logs = self.logs
-        if not any(len(log) for log in logs.values()):
-            raise EpisodeStateError("nothing has been scored yet: call reset, then step")
-        return Score.mean(
-            {
-                name: summarize(
-                    [log],
-                    false_positives=self._options.false_positives,
-                    bytes_per_s=self.bytes_per_s(name),
-                    drives=[self.drives[name]] if name in self.drives else [],
-                    trusts=[self._trusts[name]] if name in self._trusts else [],
-                    deceptions=[self._deceptions[name]] if name in self._deceptions else [],
-                )
-                for name, log in logs.items()
-            }
-        )
+        self._current()
+        return self._scores.score(self.bytes_per_s)
 
     @property
     def logs(self) -> dict[str, TrackLog]:
         """Reported tracks and ground truth, by agent; scores of many episodes pool these."""
         self._current()
-        return {name: evaluator.log for name, evaluator in self._scorer.evaluators.items()}
+        return self._scores.logs
 
     def note_trust(self, agent: str, trust: Mapping[str, float], passes: int) -> None:
         """Note an agent's trust in its senders in this frame, for metrics of finding those that lie.
@@ -305,13 +274,13 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             trust: its trust by sender, see `Policy.trust`.
             passes: passes of the policy that its defence asked for.
         """
-        self._trusts.setdefault(agent, TrustLog()).append(trust, lying_senders(self.lies), passes)
+        self._scores.note_trust(agent, trust, self.lies, passes)
 
     @property
     def drives(self) -> dict[str, DriveLog]:
         """Logs of the drives, by the agents whose cars a planner or accelerations drive."""
         self._current()
-        return self._drives.logs
+        return self._scores.drives
 
     @property
     def cars(self) -> dict[str, CarState]:
@@ -359,9 +328,8 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     def bytes_per_s(self, agent: str) -> float:
         """Return the bytes that an agent has broadcast per second of simulated time, envelopes included."""
-        time_ns = self._current().time_ns
-        dt_s = self.agent_specs[agent].dt_s
-        return self._exchange.channel.broadcast_bytes(agent) / (time_ns / NS_PER_S + dt_s)
+        elapsed_s = self.time_ns / NS_PER_S + self.agent_specs[agent].dt_s
+        return self._exchange.channel.broadcast_bytes(agent) / elapsed_s
 
     def state(self) -> NDArray[np.float64]:
         """Return all actors in the world frame, (capacity, 11): id, label, x, y, z, l, w, h, yaw, vx, vy.
@@ -418,30 +386,15 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         # Kept until the next frame: memory freed at the end of the heap would be returned, and fetched page by page.
         received = self._exchange.step(frame)
         self._observations = self._source.format.pack_all(received)
-        if self._rewards.gains is not None:
-            self._gained = self._rewards.gains.step(frame, received, self._exchange.sent_bytes())
+        self._rewards.hear(frame, received, self._exchange.sent_bytes)
         return dict(self._observations)
 
     def _truths(self, frame: Frame) -> dict[str, dict[str, Any]]:
         """Return the truth around each agent, where the environment was made to expose it."""
         if not self._options.expose_ground_truth:
             return {}
-        infos = truth_infos(frame, visibility=self._options.expose_visibility)
-        return with_lies(infos, self._exchange.lies)
+        return with_lies(truth_infos(frame, visibility=self._options.expose_visibility), self._exchange.lies)
 
     def _show_if_human(self) -> None:
         if self.render_mode == "human":
             self.render()
-
-
-def space_of(agent: str, by_agent: Mapping[str, AgentSpace]) -> AgentSpace:
-    """Return an agent's space.
-
-    Raises:
-        UnknownNameError: there is no such agent; the message lists those that there are.
-    """
-    try:
-        return by_agent[agent]
-    except (KeyError, TypeError):  # learners ask for spaces in every step: a name that is there costs no check
-        require_choice("agent", agent, by_agent)
-        raise

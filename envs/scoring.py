@@ -1,22 +1,18 @@
-"""Rewards, logs of drives, and the picture of the frame that was scored last."""
+"""Rewards, and the picture of the frame that was scored last."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.attacks.attack_option import AttacksOption, attacks_by_agent
 from coopsim.envs.frames import AgentFrame, Frame, world_points
 from coopsim.envs.message_gain import MessageGain, MessageGains
 from coopsim.envs.rewards import DriveReward, DriveStep, Reward, RewardOption, make_reward
 from coopsim.errors import InvalidValueError
-from coopsim.metrics.deception_log import DeceptionLog
-from coopsim.metrics.drive_log import DriveFrame, DriveLog
 from coopsim.metrics.evaluator import FrameCounts
-from coopsim.types import AgentSpec, Tracks, stack_xyz_yaw
+from coopsim.types import AgentSpec, Observation, Tracks
 from coopsim.types.lies import Lie
 from coopsim.viz.bev import BevFrame, BevRenderer
 from coopsim.world.snapshot import RoadMap
@@ -31,9 +27,6 @@ class Rewards:
         drives: there are agents whose cars planners or accelerations drive.
         specs: specs of the agents.
 
-    Attributes:
-        gains: gains of the running episode's messages; None: the reward is of something else.
-
     Raises:
         UnknownNameError, InvalidValueError: the reward is not accepted, or is of drives and there are none.
         PolicyMismatchError: the reward is of messages, and its receiver cannot read those that are sent.
@@ -41,7 +34,8 @@ class Rewards:
 
     def __init__(self, reward: RewardOption, dt_s: float, *, drives: bool, specs: Mapping[str, AgentSpec]) -> None:
         self._reward, self._dt_s = make_reward(reward), dt_s
-        self.gains: MessageGains | None = None
+        self._gains: MessageGains | None = None  # of the running episode, if the reward is of messages
+        self._gained: Mapping[str, float] = {}  # by messages, of the step to the frame that was heard last
         if isinstance(self._reward, MessageGain):
             self._reward.make_receiver().require(specs)
         drives_needed = isinstance(self._reward, MessageGain) and self._reward.metric == "braking"
@@ -55,60 +49,30 @@ class Rewards:
     ) -> None:
         """Begin an episode."""
         if isinstance(self._reward, MessageGain):
-            self.gains = MessageGains(self._reward, specs, match_iou, region_m, seed)
+            self._gains = MessageGains(self._reward, specs, match_iou, region_m, seed)
 
-    def of(self, counts: FrameCounts, before: AgentFrame, after: AgentFrame | None) -> float:
+    def hear(
+        self, frame: Frame, received: Mapping[str, Observation], sent_bytes: Callable[[], Mapping[str, int]]
+    ) -> None:
+        """Take in a frame's observations with their inboxes, and the bytes that agents sent."""
+        if self._gains is not None:
+            self._gained = self._gains.step(frame, received, sent_bytes())
+
+    def of_step(self, counts: Mapping[str, FrameCounts], before: Frame, after: Frame) -> dict[str, float]:
+        """Return the rewards of the step between two frames, of the agents that have counts."""
+        rewards = {name: self._of(each, before.agents[name], after.agents.get(name)) for name, each in counts.items()}
+        return rewards | {name: value for name, value in self._gained.items() if name in rewards}
+
+    def _of(self, counts: FrameCounts, before: AgentFrame, after: AgentFrame | None) -> float:
         """Return the reward of an agent's step between two frames; in the second it may be gone."""
         if isinstance(self._reward, MessageGain):
-            return 0.0  # an agent that is gone; `gains` tells the others'
+            return 0.0  # an agent that is gone; `_gained` tells the others'
         if isinstance(self._reward, Reward):
             return self._reward(counts)
         if before.car is None or after is None or after.car is None:
             return 0.0
         moved = before.body.world_SE3_base.inverse().apply(after.body.world_SE3_base.translation)[:2]
         return self._reward(DriveStep(counts, self._dt_s, before.car, after.car, moved))
-
-
-class DriveRecorder:
-    """Logs of the drives of an episode, by driven agent; `conflicts` are ids of actors, see `FrameSource.conflicts`."""
-
-    def __init__(self, frame: Frame, conflicts: tuple[int, ...]) -> None:
-        self.logs = {name: DriveLog() for name, agent in frame.agents.items() if agent.car is not None}
-        self._conflicts = conflicts
-
-    def update(self, frame: Frame, tracks: Mapping[str, Tracks], after: Frame) -> None:
-        """Log a frame with the tracks reported for it; also the frame `after` it if that is the last."""
-        self._append(frame, tracks, {name: agent.command_m_s2 for name, agent in after.agents.items()})
-        if after.last:
-            self._append(after, {}, {})
-
-    def _append(self, frame: Frame, tracks: Mapping[str, Tracks], commands: Mapping[str, float]) -> None:
-        for name, log in self.logs.items():
-            agent, reported = frame.agents[name], tracks.get(name, Tracks.empty())
-            assert agent.car is not None
-            pose, command = stack_xyz_yaw(agent.body.world_SE3_base)[[0, 1, 3]], commands.get(name, math.nan)
-            log.append(DriveFrame(frame.time_ns, pose, agent.car, agent.truth, reported, command, self._conflicts))
-
-
-def deception_logs(attacks: AttacksOption, frame: Frame) -> dict[str, DeceptionLog]:
-    """Return new logs of the agents that are lied to: of all honest ones, where there is any attack."""
-    liars = attacks_by_agent(attacks)
-    return {name: DeceptionLog() for name in frame.agents if liars and name not in liars}
-
-
-def note_lies(
-    logs: Mapping[str, DeceptionLog],
-    frame: Frame,
-    tracks: Mapping[str, Tracks],
-    lies: Sequence[Lie],
-    region_m: tuple[float, float] | None,
-) -> None:
-    """Log a frame's lies beside the tracks that honest agents report for it."""
-    region = None if region_m is None else np.array(region_m)
-    for name, log in logs.items():
-        if name in frame.agents:
-            agent = frame.agents[name]
-            log.append(lies, agent.body.world_SE3_base, agent.truth, tracks[name], region)
 
 
 class ScoredView:

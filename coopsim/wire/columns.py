@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, TypeVar
 
 import numpy as np
 from gymnasium import spaces
+
+from coopsim.support.checks import require_choice
 
 COUNTER = 2**62
 """Limit of counters (nanoseconds, ids): it fits an int64 and leaves room to add."""
@@ -27,3 +30,19 @@ def box_space() -> spaces.Box:
     A space is never shared: it would be seeded once for all its uses.
     """
     return spaces.Box(np.array([-np.inf] * 3 + [0.0] * 3 + [-np.inf]), np.full(7, np.inf), dtype=np.float64)
+
+
+AgentSpace = TypeVar("AgentSpace", bound=spaces.Space[Any])
+
+
+def space_of(agent: str, by_agent: Mapping[str, AgentSpace]) -> AgentSpace:
+    """Return an agent's space.
+
+    Raises:
+        UnknownNameError: there is no such agent; the message lists those that there are.
+    """
+    try:
+        return by_agent[agent]
+    except (KeyError, TypeError):  # learners ask for spaces in every step: a name that is there costs no check
+        require_choice("agent", agent, by_agent)
+        raise

@@ -13,8 +13,9 @@ from gymnasium.utils import RecordConstructorArgs
 from pettingzoo import ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper
 
-from coopsim.envs.parallel import CooperativeEnv, space_of
+from coopsim.envs.parallel import CooperativeEnv
 from coopsim.errors import InvalidActionError, InvalidValueError
+from coopsim.wire.columns import space_of
 
 AnySpace = spaces.Space[Any]
 

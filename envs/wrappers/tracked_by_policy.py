@@ -12,7 +12,6 @@ from pettingzoo import ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper
 
 from coopsim.agents.policy import Policy
-from coopsim.envs.parallel import space_of
 from coopsim.envs.roles import Roles
 from coopsim.envs.wrappers.base_wrappers import ByAgent, Stepped, cooperative_env
 from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError
@@ -20,6 +19,7 @@ from coopsim.support.checks import require_choice
 from coopsim.support.rng import derived_seed
 from coopsim.types import AgentSpec, Tracks
 from coopsim.wire.actions import unpack_action
+from coopsim.wire.columns import space_of
 
 
 class TrackedByPolicy(BaseParallelWrapper[str, Any, Any]):  # type: ignore[misc]  # pettingzoo is untyped
