@@ -48,6 +48,7 @@ class LyingAgents:
         self, option: AttacksOption, specs: Mapping[str, AgentSpec], seed: int, network: object = None
     ) -> None:
         self._agents: dict[str, _Liar] = {}
+        self._network = network
         kinds = {name: spec.kind for name, spec in specs.items()}
         for name, attacks in attacks_by_agent(option).items():
             require_choice("agent in attacks", name, specs)
@@ -76,7 +77,7 @@ class LyingAgents:
         lying = [name for name in served if name in self._agents]
         for name in lying:
             for attack in self._agents[name].attacks:
-                _require_content(attack, uplink, name)
+                _require_content(attack, uplink, name, self._network)
         changes = any(_changes(attack, uplink.content) for name in lying for attack in self._agents[name].attacks)
         return LyingUplink(uplink, self._content) if changes and isinstance(uplink, ContentUplink) else uplink
 
@@ -151,12 +152,6 @@ class _Liar:
         self, spec: AgentSpec, attacks: Sequence[Attack], seed: int, kinds: Mapping[str, str], network: object
     ) -> None:
         self.attacks = attacks
-        for attack in attacks:
-            if attack.knowledge == KNOWLEDGE[-1] and not (hasattr(network, "heat") or hasattr(network, "shown")):
-                raise InvalidValueError(
-                    f"attack {_name_of(attack)!r} needs the weights of a policy on maps of features or on queries, "
-                    f"such as attfuse or cooptrack, as the option uplink: got {network!r}"
-                )
         self._spec, self._kinds, self._network = spec, kinds, network
         self._rngs = [stream(seed, "attack", spec.name, str(number)) for number in range(len(attacks))]
         self._heard: dict[str, tuple[Message, ...]] = {}
@@ -251,12 +246,17 @@ def _name_of(attack: Attack) -> str:
         return type(attack).__name__
 
 
-def _require_content(attack: Attack, uplink: Uplink, agent: str) -> None:
+def _require_content(attack: Attack, uplink: Uplink, agent: str, network: object) -> None:
     accepted, hooks = attack.accepted(), hooks_of(type(attack))
     if not hooks:
         raise InvalidValueError(f"attack {_name_of(attack)!r} overrides no hook, so it has no effect")
     if uplink.content == "none":  # an agent that says nothing cannot lie: the line of one's own view alone
         return
+    if attack.knowledge == KNOWLEDGE[-1] and not (hasattr(network, "heat") or hasattr(network, "shown")):
+        raise InvalidValueError(
+            f"attack {_name_of(attack)!r} needs the weights of a policy on maps of features or on queries, such as "
+            f"attfuse or cooptrack, as the option uplink: got {network!r}"
+        )
     if accepted and uplink.content not in accepted:
         which = "" if accepted == contents_of(type(attack)) else " with these parameters"
         raise InvalidValueError(

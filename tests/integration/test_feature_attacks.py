@@ -71,3 +71,9 @@ def test_removal_cools_the_objects_that_the_attacker_sees(honest: Any) -> None:
 def test_an_attack_by_gradients_needs_a_policy_with_maps_or_queries() -> None:
     with pytest.raises(InvalidValueError, match="'pgd' needs the weights of a policy on maps of features or"):
         coopsim.parallel_env("crossing", uplink=coopsim.make_policy("late_fusion"), attacks={"cav_1": "pgd"})
+
+
+def test_an_agent_that_says_nothing_needs_no_weights_to_be_attacked() -> None:
+    alone = coopsim.evaluate("no_fusion", "crossing", seed=0, max_cycles=3, lidar=None)
+    attacked = coopsim.evaluate("no_fusion", "crossing", seed=0, max_cycles=3, lidar=None, attacks={"cav_1": "pgd"})
+    assert attacked.score["sAMOTA"] == alone.score["sAMOTA"]
