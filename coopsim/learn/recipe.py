@@ -53,12 +53,14 @@ KINDS: Mapping[str, Kind] = {
     "point_identity": Kind("identity_task.PointIdentityTask", has_teacher=True),
     "picture_identity": Kind("identity_task.PictureIdentityTask", dt_s=0.5),
     "queries": Kind("query_task.QueryTask"),
+    "front": Kind("front_task.FrontTask", dt_s=0.5),
     "integrated": Kind("integrated_task.IntegratedTask"),
 }
 """Stage A: an encoder with its head: of points, or of images, or of both beside one of points. Stage B: a fusion on a
 frozen encoder, with flow also the change of messages in time. Stage C: both. A covariance of boxes is trained on
 recordings; one that reads features, on clips. An identity tells objects apart. Queries are trained on a frozen encoder
-and head, first of one agent, then of several; integrated detection and tracking on a frozen stage B."""
+and head, first of one agent, then of several; integrated detection and tracking on a frozen stage B. A front is trained
+on frozen weights of stage A or B: the second look of their head."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -251,6 +251,8 @@ def encoder_digest(detector: DetectorNet) -> str:
     config = asdict(detector.config)
     if config["layout"] == "dense":
         del config["layout"]  # which files of before the sparse layout do not say
+    if config["head"] == "turned":
+        config["head"] = "centre"  # the second look was added later to heads on the same encoders
     found = hashlib.sha256(_json(config).encode())
     for name, value in sorted(detector.encoder.state_dict().items()):
         found.update(f"\0{name}\0{tuple(value.shape)}\0".encode())

@@ -160,7 +160,7 @@ _NUMBERS: dict[str, tuple[str, ...]] = {
     "coopsim": (
         "APBEV@0.5 5_returns", "APBEV@0.7 5_returns", "APBEV@0.5", "APBEV@0.7", "false_per_frame",
         "APBEV@0.3 people", "APBEV@0.5 others_only", "recall", "recall others_only", "AP3D@0.5", "AP3D@0.7",
-        "only_together",
+        "backwards", "only_together",
     ),
     "opencood": ("APBEV@0.3", "APBEV@0.5", "APBEV@0.7"),
     "dair": ("AP3D@0.3", "AP3D@0.5", "AP3D@0.7", "APBEV@0.3", "APBEV@0.5", "APBEV@0.7"),

@@ -62,6 +62,7 @@ class CoopsimProtocol(Protocol):
     | | `riders` (motorcycle, bicycle, scooter); `vulnerable` (people and riders as one); each class by itself |
     | `own`, `others_only` | vehicles, people or riders that the receiver has returns from, or only others |
     | `5_returns` | those with five returns or more of all agents together: less can hardly be placed by anybody |
+    | `backwards` | found vehicles of score above 0.3 and BEV IoU 0.5 or more whose front is at the true rear |
     | bands | these by distance of their centre over ground: `0-30m`, `30-50m`, `50-100m` |
 
     Of a part of a kind: its objects are matched among all of the kind; detections on the others are left out, and
@@ -90,6 +91,8 @@ class CoopsimProtocol(Protocol):
                     object_of = overlaps.matched_by_score(found, truth, view, least, listed=False)
                     name = f"AP{view}@{least:g}"
                     made[name + kind] = ranked(overlaps, object_of, found, truth)
+                    if name + kind == "APBEV@0.5":
+                        made["backwards"] = _backwards(overlaps, object_of)
                     if kind in self.parted:
                         parts = self._parts(overlaps, object_of, found, truth)
                         made |= {name + kind + part: ranking for part, ranking in parts.items()}
@@ -97,9 +100,10 @@ class CoopsimProtocol(Protocol):
 
     def values(self, rankings: Mapping[str, Ranking]) -> dict[str, float]:
         """Return the areas, and recall and false boxes of detections above score 0.3 at BEV IoU 0.5 (people 0.3)."""
-        areas = {name: ranking.area() for name, ranking in rankings.items()}
+        areas = {name: ranking.area() for name, ranking in rankings.items() if name != "backwards"}
         return {
             **areas,
+            "backwards": rankings["backwards"].share(),
             **{f"recall{part}": rankings[f"APBEV@0.5{part}"].recall() for part in ("", *self.seen_by)},
             "recall people": rankings["APBEV@0.3 people"].recall(),
             "false_per_frame": rankings["APBEV@0.5"].false_per_frame(),
@@ -294,6 +298,14 @@ def ranked(overlaps: Overlaps, object_of: Ints, kept: Mask, truth: Mask) -> Rank
     """Rank the detections `kept` (N,), matched to the objects `object_of` (N,); those in `truth` (M,) count."""
     there = overlaps.perceived
     return Ranking.of(there.found_start, there.found_score, object_of >= 0, kept, int(truth.sum()))
+
+
+def _backwards(overlaps: Overlaps, object_of: Ints) -> Ranking:
+    """Rank the detections that are matched to the objects `object_of` (N,); a hit is one that points backwards."""
+    there, matched = overlaps.perceived, object_of >= 0
+    wrong = np.zeros(len(matched), np.bool_)
+    wrong[matched] = np.cos(there.found_box[matched, 6] - there.true_box[object_of[matched], 6]) < 0
+    return Ranking.of(there.found_start, there.found_score, wrong, matched, 0)
 
 
 def distances(boxes: Floats) -> Floats:

@@ -103,6 +103,11 @@ class Ranking:
         """Return the share of the objects with a detection above a score; NaN without objects."""
         return float(np.count_nonzero(self.hit[self.score > least_score])) / self.objects if self.objects else np.nan
 
+    def share(self, least_score: float = SURE) -> float:
+        """Return the share of hits among detections above a score; NaN without any."""
+        sure = self.hit[self.score > least_score]
+        return float(np.count_nonzero(sure)) / len(sure) if len(sure) else np.nan
+
     def false_per_frame(self, least_score: float = SURE) -> float:
         """Return the number of detections above a score that are on no object, in a frame of a receiver."""
         return float(np.count_nonzero(~self.hit[self.score > least_score])) / max(self.frames, 1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -11,7 +13,7 @@ from coopsim.geometry.iou import iou_bev
 from coopsim.learn.samples.targets import Targets
 from coopsim.nn.detector.box_judge import patches_of
 from coopsim.nn.detector.decode import GROUP_OF_LABEL, cell_centers, find_peaks
-from coopsim.nn.detector.detector_net import JudgedHead, at_cells, decode_boxes
+from coopsim.nn.detector.detector_net import CentreHead, JudgedHead, at_cells, decode_boxes
 from coopsim.types import BevGrid
 
 _LEAST_SCORE, _MOST = 0.03, 48
@@ -35,24 +37,60 @@ def judge_losses(
         logits: (B, 9, h, w) its heat.
         targets: targets of the maps.
     """
+    seen = found_boxes(head, features, shared, logits, targets)
+    forward, fits = head.judge(seen.patches)
+    assert fits is not None
+    known = seen.ahead != 0
+    front = functional.binary_cross_entropy_with_logits(
+        forward, (seen.ahead > 0).float(), known.float(), reduction="sum"
+    )
+    fit = functional.binary_cross_entropy_with_logits(fits, seen.fit, reduction="sum")
+    return {"front": front / known.sum().clamp(min=1), "fit": fit / max(len(fits), 1)}
+
+
+class FoundBoxes(NamedTuple):
+    """Boxes that a head finds in labelled maps.
+
+    Attributes:
+        patches: (N, 9 C) features in and around them, see `box_patches`.
+        group: (N,) number of the class's group.
+        score: (N,) heat.
+        ahead: (N,) 1 or -1 for the right or wrong way round; 0: of nothing.
+        fit: (N,) how well they fit, in [0, 1], see `_truth`.
+    """
+
+    patches: Tensor
+    group: Tensor
+    score: Tensor
+    ahead: Tensor
+    fit: Tensor
+
+
+def found_boxes(
+    head: CentreHead | JudgedHead,
+    features: Tensor,
+    shared: Tensor,
+    logits: Tensor,
+    targets: Targets,
+    least_score: float = _LEAST_SCORE,
+    most: int = _MOST,
+) -> FoundBoxes:
+    """Return the boxes of a head before it looks again, apart from those near objects that hardly show.
+
+    Gradients reach the features through the patches alone. Arguments as in `judge_losses`, and smallest heat and
+    largest number of a map's peaks.
+    """
     rows, columns = logits.shape[2:]
     grid = BevGrid((0.0, columns * targets.cell_m), (0.0, rows * targets.cell_m), targets.cell_m)
     with torch.no_grad():
-        number, cell, label, _ = find_peaks(logits.detach(), _LEAST_SCORE, _MOST)
+        number, cell, label, score = find_peaks(logits.detach(), least_score, most)
         sure = ~targets.ignored.flatten(1)[number, cell]
-        number, cell, label = number[sure], cell[sure], label[sure]
+        number, cell, label, score = number[sure], cell[sure], label[sure], score[sure]
         code = head.codes(at_cells(shared, number * (rows * columns) + cell))
         boxes, _ = decode_boxes(code, label, cell_centers(cell, grid), grid.cell_m)
         fit, ahead = _truth(boxes, label, number, targets, grid)
-    if not len(boxes):
-        return {"front": features.sum() * 0.0, "fit": features.sum() * 0.0}
-    forward, fits = head.judge(patches_of(features, boxes, number, grid))
-    known = ahead != 0
-    front = functional.binary_cross_entropy_with_logits(forward, (ahead > 0).float(), known.float(), reduction="sum")
-    return {
-        "front": front / known.sum().clamp(min=1),
-        "fit": functional.binary_cross_entropy_with_logits(fits, fit),
-    }
+        group = torch.from_numpy(GROUP_OF_LABEL).to(label.device)[label]
+    return FoundBoxes(patches_of(features, boxes, number, grid), group, score, ahead, fit)
 
 
 def _truth(boxes: Tensor, label: Tensor, number: Tensor, targets: Targets, grid: BevGrid) -> tuple[Tensor, Tensor]:

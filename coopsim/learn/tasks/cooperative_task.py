@@ -29,7 +29,15 @@ from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.flow_samples import FlowDraft, FlowSample
 from coopsim.learn.samples.fused_samples import CooperativeSample, SceneDraft, scene_samples
-from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, WeightsFile, mean_losses, weights_metadata
+from coopsim.learn.tasks.training_task import (
+    LOSS,
+    FoundMap,
+    TrainingTask,
+    WeightsFile,
+    copy_head,
+    mean_losses,
+    weights_metadata,
+)
 from coopsim.learn.weights import encoder_digest, load_cooperative, load_detector, make_network
 from coopsim.nn.cooperative.cooperative_net import CooperativeNet
 from coopsim.nn.detector.decode import decode
@@ -53,12 +61,12 @@ class CooperativeTask(TrainingTask):
         config = self.net.config
         if config.features != detector.config.features:
             raise InvalidValueError(f"network features must be the detector's {detector.config.features}")
-        if config.flow and recipe.kind != "flow":
+        if config.flow and recipe.kind not in ("flow", "front"):
             raise InvalidValueError(
                 f"network flow must be 0 with kind: {recipe.kind}, got {config.flow}: see kind: flow"
             )
         if recipe.start is None:
-            self.net.head.load_state_dict(detector.head.state_dict())
+            copy_head(detector.head, self.net.head)
         else:
             self._start(load_cooperative(recipe.start, detector))
         self.detector = copy.deepcopy(detector).eval().requires_grad_(False)

@@ -12,6 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from coopsim.config.load import load
+from coopsim.errors import InvalidValueError
 from coopsim.learn.clips.clip import Clip
 from coopsim.learn.clips.world_recipe import WorldRecipe
 from coopsim.learn.losses.head_losses import head_loss
@@ -34,7 +35,9 @@ class DetectorTask(TrainingTask):
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
         super().__init__()
         self._settings = load(SampleSettings, recipe.samples, "samples")
-        self.net = first_net(recipe, seed)
+        self.net = first_net(recipe.changed(kind="detector"), seed)
+        if recipe.kind == "detector" and recipe.start is None and self.net.config.head == "turned":
+            raise InvalidValueError('network head must be "centre" or "judged": kind: front makes a "turned" one of it')
         self.metadata = weights_metadata("detector", self.net.config)
         times_s = tuple(recipe.world.get("sweep_s", ())) + tuple(recipe.world.get("dt_s", WorldRecipe().dt_s))
         if self.net.config.sweeps > 1 and min(times_s) > LONGEST_S:

@@ -126,6 +126,13 @@ def first_net(recipe: TrainingRecipe, seed: int) -> Any:
     return copy.deepcopy(start).requires_grad_(True)
 
 
+def copy_head(source: nn.Module, net: nn.Module) -> None:
+    """Copy weights into a network of the same sizes; a second look that only one of the two has is left out."""
+    others = [name for names in net.load_state_dict(source.state_dict(), strict=False) for name in names]
+    if wrong := [name for name in others if "judge." not in name]:
+        raise InvalidValueError(f"network must have the sizes of start, which differs in {', '.join(wrong)}")
+
+
 def mean_losses(losses: Sequence[dict[str, Tensor]]) -> dict[str, Tensor]:
     """Return the means of losses by name; a name that some lack counts as zero there."""
     names = dict.fromkeys(name for each in losses for name in each)

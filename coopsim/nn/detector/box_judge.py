@@ -16,30 +16,42 @@ class BoxJudge(nn.Module):
     """A small network on the features in and around a box, at places that turn with it.
 
     Its first number is odd under half a turn of the box: a box and the same one backwards have opposite ones. The
-    second number is even. A map's axes do not matter to either.
+    second number, if there is one, is even. A map's axes do not matter to either.
 
     Args:
         channels: channels of the features.
+        fits: it also judges how well a box fits.
     """
 
-    def __init__(self, channels: int) -> None:
+    def __init__(self, channels: int, *, fits: bool = True) -> None:
         super().__init__()
         self.channels = channels
         first, second = _HIDDEN
         self.layers = nn.Sequential(
-            nn.Linear(PLACES**2 * channels, first), nn.ReLU(), nn.Linear(first, second), nn.ReLU(), nn.Linear(second, 2)
+            nn.Linear(PLACES**2 * channels, first),
+            nn.ReLU(),
+            nn.Linear(first, second),
+            nn.ReLU(),
+            nn.Linear(second, 1 + fits),
         )
 
-    def forward(self, patches: Tensor) -> tuple[Tensor, Tensor]:
-        """Return two logits (N,) of `box_patches` (N, 9 C): the box is the right way round, and it fits.
+    def forward(self, patches: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Return logits (N,) of `box_patches` (N, 9 C): the box is the right way round, and it fits.
 
-        The latter is of the quality min(1, max(0, 2 IoU - 0.5)).
+        The latter is of the quality min(1, max(0, 2 IoU - 0.5)), and None without `fits`.
         """
         patches = patches.float()
         backwards = patches.view(len(patches), PLACES**2, self.channels).flip(1).flatten(1)
         with torch.autocast(patches.device.type, enabled=False):
             one, other = self.layers(patches), self.layers(backwards)
-        return one[:, 0] - other[:, 0], one[:, 1] + other[:, 1]
+        fits = one[:, 1] + other[:, 1] if one.shape[1] > 1 else None
+        return one[:, 0] - other[:, 0], fits
+
+
+def turned_round(boxes: Tensor, forward: Tensor) -> Tensor:
+    """Return boxes (N, 7), those with a negative logit `forward` (N,) turned by half a turn."""
+    yaw = boxes[:, 6] + torch.pi * (forward < 0)
+    return torch.cat([boxes[:, :6], torch.atan2(torch.sin(yaw), torch.cos(yaw))[:, None]], dim=1)
 
 
 def patches_of(features: Tensor, boxes: Tensor, number: Tensor, grid: BevGrid) -> Tensor:

@@ -66,8 +66,8 @@ def decode(
         boxes, velocity = decode_boxes(code, label, cell_centers(cell, grid), grid.cell_m)
         covariance = covariances(code[:, LOG_VARIANCE], boxes)
         group = torch.from_numpy(GROUP_OF_LABEL).to(label.device)[label]
-        if isinstance(head, JudgedHead):
-            boxes, score = head.judged(boxes, score, group, patches_of(features, boxes, batch, grid))
+        if head.judge is not None:
+            boxes, score = head.second_look(boxes, score, group, patches_of(features, boxes, batch, grid))
     kept = np.flatnonzero(score.numpy(force=True) >= least_score)
     arrays = [each.numpy(force=True)[kept] for each in (group, batch, boxes, score, label, covariance, velocity)]
     known = [False] * len(features) if moving is None else moving

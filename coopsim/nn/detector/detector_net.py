@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor, nn
 
-from coopsim.nn.detector.box_judge import BoxJudge
+from coopsim.nn.detector.box_judge import BoxJudge, turned_round
 from coopsim.nn.detector.encoder import EncoderConfig, PillarEncoder, conv
 from coopsim.nn.detector.sparse_cells import SparseCells, SparseConv, filled
 from coopsim.nn.detector.sparse_encoder import SparseEncoder
@@ -122,6 +122,9 @@ def covariances(log_variance: Tensor, boxes: Tensor) -> Tensor:
     return out
 
 
+VEHICLES = 0
+"""Number of the group of vehicles among those of `coopsim.nn.detector.decode.GROUPS`."""
+
 RARE = -math.log((1 - 0.02) / 0.02)
 """Bias of the heat: most cells are no centre."""
 
@@ -133,15 +136,22 @@ class CentreHead(nn.Module):
     """Heat of each class in each cell, and a code of the box (see `box_code`) for selected cells.
 
     Codes are computed only where a centre is or may be: that is nearly free.
+
+    Args:
+        channels: channels of the features.
+        classes: number of classes.
+        turned: the head looks again at each of its boxes, for which end is the front. The code of one cell does not
+            show that: front and back look alike to it unless they lie as in most of the training.
     """
 
-    def __init__(self, channels: int = 64, classes: int = len(CLASS_NAMES)) -> None:
+    def __init__(self, channels: int = 64, classes: int = len(CLASS_NAMES), *, turned: bool = False) -> None:
         super().__init__()
         self.channels = channels
         self.shared = conv(channels, channels)
         self.heat_of = nn.Conv2d(channels, classes, 1)
         nn.init.constant_(self.heat_of.bias, RARE)  # type: ignore[arg-type]
         self.code_of = nn.Sequential(nn.Linear(channels, channels), nn.ReLU(), nn.Linear(channels, CODE))
+        self.judge = BoxJudge(channels, fits=False) if turned else None
 
     def heat(self, features: Tensor) -> tuple[Tensor, Tensor]:
         """Return shared features (B, C, h, w), and logits of the heat (B, 9, h, w), of features (B, C, h, w)."""
@@ -153,6 +163,15 @@ class CentreHead(nn.Module):
         with torch.autocast(shared_at.device.type, enabled=False):
             code: Tensor = self.code_of(shared_at.float())
         return code
+
+    def second_look(self, boxes: Tensor, score: Tensor, group: Tensor, patches: Tensor) -> tuple[Tensor, Tensor]:
+        """Return boxes (N, 7), vehicles the right way round, and their scores (N,); see `JudgedHead.second_look`.
+
+        The sweep of a person does not show which way they face, so people and riders stay as they are.
+        """
+        assert self.judge is not None
+        forward, _ = self.judge(patches)
+        return turned_round(boxes, torch.where(group == VEHICLES, forward, 1.0)), score
 
 
 def at_cells(maps: Tensor, cell: Tensor) -> Tensor:
@@ -197,7 +216,7 @@ class JudgedHead(nn.Module):
         """Let scores be as the network gives them."""
         self.get_buffer("calibration").copy_(torch.tensor([[1.0, 0.0]] * 3))
 
-    def judged(self, boxes: Tensor, score: Tensor, group: Tensor, patches: Tensor) -> tuple[Tensor, Tensor]:
+    def second_look(self, boxes: Tensor, score: Tensor, group: Tensor, patches: Tensor) -> tuple[Tensor, Tensor]:
         """Return boxes (N, 7) the right way round, and calibrated scores (N,).
 
         The score is the root of heat times quality (CenterPoint, section 4.2), its logit moved and stretched for each
@@ -210,16 +229,15 @@ class JudgedHead(nn.Module):
             patches: (N, 9 C), see `coopsim.nn.covariance.covariance_net.box_patches`.
         """
         forward, fits = self.judge(patches)
+        assert fits is not None
         logit = torch.logit(torch.sqrt(score * fits.sigmoid()), 1e-6)
         slope, shift = self.get_buffer("calibration")[group].unbind(1)
-        yaw = boxes[:, 6] + torch.pi * (forward < 0)
-        turned = torch.atan2(torch.sin(yaw), torch.cos(yaw))
-        return torch.cat([boxes[:, :6], turned[:, None]], dim=1), torch.sigmoid(slope * logit + shift)
+        return turned_round(boxes, forward), torch.sigmoid(slope * logit + shift)
 
 
 def make_head(kind: str, channels: int) -> CentreHead | JudgedHead:
     """Return a head of one of `HEADS` with random weights."""
-    return JudgedHead(channels) if kind == "judged" else CentreHead(channels)
+    return JudgedHead(channels) if kind == "judged" else CentreHead(channels, turned=kind == "turned")
 
 
 def make_encoder(config: EncoderConfig) -> PillarEncoder | SparseEncoder:

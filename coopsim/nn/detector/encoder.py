@@ -24,8 +24,9 @@ MOST_CHANNELS, _MOST_LAYERS = 1024, 32
 LAYOUTS = ("dense", "sparse")
 """Kinds of encoders: of all cells, or of those where points are."""
 
-HEADS = ("centre", "judged")
-"""Kinds of heads: files of weights name theirs. "judged" computes where features are, and looks at its boxes again."""
+HEADS = ("centre", "turned", "judged")
+"""Kinds of heads: files of weights name theirs. "turned" is "centre" with a second look at each box, for which of its
+ends is the front. "judged" computes where features are, and looks again for that and for how well the box fits."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -101,3 +101,11 @@ def test_it_is_the_average_precision_of_the_library() -> None:
 def test_nothing_found_and_nothing_there() -> None:
     assert values("coopsim", [(detections(), objects(0))])["APBEV@0.5"] == 0
     assert math.isnan(values("coopsim", [(detections((0, 0.9)), objects())])["APBEV@0.5"])
+
+
+def test_backwards_is_the_share_of_sure_boxes_on_vehicles_that_point_to_the_rear() -> None:
+    seen = detections((0, 0.9), (30, 0.8), (60, 0.2), (90, 0.9))  # the third is not sure, the last on nothing
+    yaw = np.array([0.1, np.pi, np.pi, np.pi])
+    turned = Detections(Boxes3D(seen.boxes.center, seen.boxes.size, yaw), seen.score, seen.label)
+    assert values("coopsim", [(turned, objects(0, 30, 60))])["backwards"] == pytest.approx(1 / 2)
+    assert math.isnan(values("coopsim", [(detections((0, 0.9)), objects(30))])["backwards"])

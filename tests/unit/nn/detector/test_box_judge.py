@@ -10,7 +10,7 @@ from coopsim.learn.samples.targets import make_targets
 from coopsim.nn.covariance.covariance_net import box_patches
 from coopsim.nn.detector.box_judge import BoxJudge, patches_of
 from coopsim.nn.detector.decode import decode
-from coopsim.nn.detector.detector_net import JudgedHead
+from coopsim.nn.detector.detector_net import CentreHead, JudgedHead
 from coopsim.types import BevGrid
 
 torch.set_num_threads(1)
@@ -91,3 +91,20 @@ def test_scores_are_moved_by_the_calibration_and_velocities_are_stated_if_motion
 
 def test_nothing_is_found_where_there_are_no_features() -> None:
     assert len(decode(JudgedHead(8).eval(), torch.zeros(2, 8, *GRID.shape), GRID, least_score=0.001)[1]) == 0
+
+
+def test_a_turned_head_turns_vehicles_alone_and_leaves_scores_as_they_are() -> None:
+    torch.manual_seed(0)
+    plain, features = CentreHead(8).eval(), torch.rand(1, 8, *GRID.shape)
+    turned = CentreHead(8, turned=True).eval()
+    turned.load_state_dict(plain.state_dict(), strict=False)
+    with torch.no_grad():
+        plain.heat_of.bias.fill_(0.0)
+        turned.heat_of.bias.fill_(0.0)
+    one, other = (decode(head, features, GRID)[0] for head in (plain, turned))
+    np.testing.assert_array_equal(one.score, other.score)
+    np.testing.assert_array_equal(one.boxes.array[:, :6], other.boxes.array[:, :6])
+    wrong_way = np.cos(one.boxes.array[:, 6] - other.boxes.array[:, 6]) < 0
+    vehicle = one.label <= 3
+    assert vehicle.any() and (~vehicle).any()
+    assert wrong_way[vehicle].any() and not wrong_way[~vehicle].any()
