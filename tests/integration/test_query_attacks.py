@@ -107,7 +107,7 @@ def test_removal_makes_the_network_doubt_the_queries_around_the_target_and_chang
         change = np.abs(lied.feature - honest.feature)
         assert change[~denied].max() == 0.0 and ROUNDING < change[denied].max() <= EPS + ROUNDING
         fall = before["shows"].max(axis=1) - after["shows"].max(axis=1)
-        assert fall[denied].min() > 0.0 and fall[denied].mean() > 0.1
+        assert fall[denied].min() > 0.0 and fall[denied].mean() > 0.05
 
 
 def test_each_frame_goes_on_from_the_last_ones_change() -> None:
