@@ -34,7 +34,7 @@ from coopsim.learn.tasks.training_task import (
     FoundMap,
     TrainingTask,
     WeightsFile,
-    copy_head,
+    copy_weights,
     mean_losses,
     weights_metadata,
 )
@@ -66,7 +66,7 @@ class CooperativeTask(TrainingTask):
                 f"network flow must be 0 with kind: {recipe.kind}, got {config.flow}: see kind: flow"
             )
         if recipe.start is None:
-            copy_head(detector.head, self.net.head)
+            copy_weights(detector.head, self.net.head)
         else:
             self._start(load_cooperative(recipe.start, detector))
         self.detector = copy.deepcopy(detector).eval().requires_grad_(False)

@@ -19,7 +19,7 @@ from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.targets import Targets
 from coopsim.learn.tasks.cooperative_task import CooperativeTask
 from coopsim.learn.tasks.detector_task import DetectorTask
-from coopsim.learn.tasks.training_task import LOSS, TrainingTask, copy_head
+from coopsim.learn.tasks.training_task import LOSS, TrainingTask, copy_weights
 from coopsim.learn.weights import find_weights, load_network, read_texts
 from coopsim.nn.cooperative.cooperative_net import CooperativeNet
 from coopsim.nn.detector.detector_net import VEHICLES, DetectorNet
@@ -68,7 +68,7 @@ class FrontTask(TrainingTask):
             DetectorTask(inner, seed) if kind == "detector" else CooperativeTask(inner, seed)
         )
         self.net = self._maps.net
-        copy_head(given, self.net)
+        copy_weights(given, self.net)
         self.net.requires_grad_(False)
         assert self.net.head.judge is not None
         self.net.head.judge.requires_grad_(True)

@@ -19,7 +19,7 @@ from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.picture_samples import PicturesOfBatch, collate_picture_samples, picture_samples
 from coopsim.learn.tasks.detector_task import found_map
-from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, copy_head, weights_metadata
+from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, copy_weights, weights_metadata
 from coopsim.learn.weights import load_detector, load_pictures, load_points_and_pictures, make_network, read_texts
 from coopsim.nn.camera.lift_splat import LiftSplatConfig, LiftSplatEncoder, PictureDetectorNet
 from coopsim.nn.camera.picture_net import PictureFeatures
@@ -54,7 +54,7 @@ class PicturesTask(TrainingTask):
                 getattr(encoder, part).load_state_dict(getattr(detector.encoder, part).state_dict())
         else:
             encoder.points.load_state_dict(detector.encoder.state_dict())
-        copy_head(detector.head, self.net.head)
+        copy_weights(detector.head, self.net.head)
         if recipe.start is not None:
             self._start(recipe.start, detector)
         self.net.head.requires_grad_(False)

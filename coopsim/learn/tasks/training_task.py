@@ -126,7 +126,7 @@ def first_net(recipe: TrainingRecipe, seed: int) -> Any:
     return copy.deepcopy(start).requires_grad_(True)
 
 
-def copy_head(source: nn.Module, net: nn.Module) -> None:
+def copy_weights(source: nn.Module, net: nn.Module) -> None:
     """Copy weights into a network of the same sizes; a second look that only one of the two has is left out."""
     others = [name for names in net.load_state_dict(source.state_dict(), strict=False) for name in names]
     if wrong := [name for name in others if "judge." not in name]:
