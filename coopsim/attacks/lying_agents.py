@@ -48,7 +48,6 @@ class LyingAgents:
         self, option: AttacksOption, specs: Mapping[str, AgentSpec], seed: int, network: object = None
     ) -> None:
         self._agents: dict[str, _Liar] = {}
-        self._network = network
         kinds = {name: spec.kind for name, spec in specs.items()}
         for name, attacks in attacks_by_agent(option).items():
             require_choice("agent in attacks", name, specs)
@@ -77,7 +76,7 @@ class LyingAgents:
         lying = [name for name in served if name in self._agents]
         for name in lying:
             for attack in self._agents[name].attacks:
-                _require_content(attack, uplink, name, self._network)
+                _require_content(attack, uplink, name, self._agents[name].network)
         changes = any(_changes(attack, uplink.content) for name in lying for attack in self._agents[name].attacks)
         return LyingUplink(uplink, self._content) if changes and isinstance(uplink, ContentUplink) else uplink
 
@@ -152,7 +151,7 @@ class _Liar:
         self, spec: AgentSpec, attacks: Sequence[Attack], seed: int, kinds: Mapping[str, str], network: object
     ) -> None:
         self.attacks = attacks
-        self._spec, self._kinds, self._network = spec, kinds, network
+        self._spec, self._kinds, self.network = spec, kinds, network
         self._rngs = [stream(seed, "attack", spec.name, str(number)) for number in range(len(attacks))]
         self._heard: dict[str, tuple[Message, ...]] = {}
         self._acting: list[tuple[Attack, AttackerView]] = []
@@ -165,7 +164,7 @@ class _Liar:
         for attack, rng in zip(self.attacks, self._rngs, strict=True):
             view = AttackerView(self._spec, observation, rng, self._known(attack), self._kinds)
             if attack.knowledge == KNOWLEDGE[-1]:
-                view.network = self._network
+                view.network = self.network
             if attack.active(view.time_s):
                 self._acting.append((attack, view))
 

@@ -54,14 +54,12 @@ class FoundBoxes(NamedTuple):
     Attributes:
         patches: (N, 9 C) features in and around them, see `box_patches`.
         group: (N,) number of the class's group.
-        score: (N,) heat.
         ahead: (N,) 1 or -1 for the right or wrong way round; 0: of nothing.
         fit: (N,) how well they fit, in [0, 1], see `_truth`.
     """
 
     patches: Tensor
     group: Tensor
-    score: Tensor
     ahead: Tensor
     fit: Tensor
 
@@ -83,14 +81,14 @@ def found_boxes(
     rows, columns = logits.shape[2:]
     grid = BevGrid((0.0, columns * targets.cell_m), (0.0, rows * targets.cell_m), targets.cell_m)
     with torch.no_grad():
-        number, cell, label, score = find_peaks(logits.detach(), least_score, most)
+        number, cell, label, _ = find_peaks(logits.detach(), least_score, most)
         sure = ~targets.ignored.flatten(1)[number, cell]
-        number, cell, label, score = number[sure], cell[sure], label[sure], score[sure]
+        number, cell, label = number[sure], cell[sure], label[sure]
         code = head.codes(at_cells(shared, number * (rows * columns) + cell))
         boxes, _ = decode_boxes(code, label, cell_centers(cell, grid), grid.cell_m)
         fit, ahead = _truth(boxes, label, number, targets, grid)
         group = torch.from_numpy(GROUP_OF_LABEL).to(label.device)[label]
-    return FoundBoxes(patches_of(features, boxes, number, grid), group, score, ahead, fit)
+    return FoundBoxes(patches_of(features, boxes, number, grid), group, ahead, fit)
 
 
 def _truth(boxes: Tensor, label: Tensor, number: Tensor, targets: Targets, grid: BevGrid) -> tuple[Tensor, Tensor]:

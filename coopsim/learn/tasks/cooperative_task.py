@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -28,7 +28,7 @@ from coopsim.learn.losses.head_losses import sum_of
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.flow_samples import FlowDraft, FlowSample
-from coopsim.learn.samples.fused_samples import CooperativeSample, SceneDraft, scene_samples
+from coopsim.learn.samples.fused_samples import CooperativeSample, ReceiverView, SceneDraft, scene_samples
 from coopsim.learn.tasks.training_task import (
     LOSS,
     FoundMap,
@@ -121,11 +121,18 @@ def find_in(
     net: CooperativeNet, features: Tensor, values: Tensor, sure: Tensor, sample: CooperativeSample
 ) -> list[FoundMap]:
     """Return what is found in the views of a sample's receivers; arguments as of `fused_features`."""
-    found = []
+    return [
+        FoundMap(decode(net.head, fused, view.grid)[0], view.targets, view.grid)
+        for fused, view in fused_maps(net, features, values, sure, sample)
+    ]
+
+
+def fused_maps(
+    net: CooperativeNet, features: Tensor, values: Tensor, sure: Tensor, sample: CooperativeSample
+) -> Iterator[tuple[Tensor, ReceiverView]]:
+    """Yield the fused map (1, features, h, w) of each of a sample's receivers; arguments as of `fused_features`."""
     for view in sample.views:
-        fused, _ = fused_features(net, features, values, sure, sample.grid, view)
-        found.append(FoundMap(decode(net.head, fused, view.grid)[0], view.targets, view.grid))
-    return found
+        yield fused_features(net, features, values, sure, sample.grid, view)[0], view
 
 
 _MESSAGES_FIRST = 0.5

@@ -13,11 +13,10 @@ from torch.nn import functional
 
 from coopsim.errors import InvalidValueError
 from coopsim.learn.clips.clip import Clip
-from coopsim.learn.losses.fused_losses import fused_features
 from coopsim.learn.losses.judge_losses import found_boxes
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.targets import Targets
-from coopsim.learn.tasks.cooperative_task import CooperativeTask
+from coopsim.learn.tasks.cooperative_task import CooperativeTask, fused_maps
 from coopsim.learn.tasks.detector_task import DetectorTask
 from coopsim.learn.tasks.training_task import LOSS, TrainingTask, copy_weights
 from coopsim.learn.weights import find_weights, load_network, read_texts
@@ -33,7 +32,7 @@ _LEAST_SCORE, _SURE, _MOST = 0.1, 0.3, 200
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sighting:
+class FoundVehicle:
     """Features (9 C,) in and around a found vehicle, and 1 or 0 for the right or wrong way round; or a stack."""
 
     patches: Tensor
@@ -76,38 +75,40 @@ class FrontTask(TrainingTask):
         self.metadata = self._maps.metadata
         self._precision = recipe.precision
 
-    def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Sighting]:
-        return self._sightings(self._maps.cut(clip, rng), _LEAST_SCORE)
+    def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[FoundVehicle]:
+        return self._vehicles(self._maps.cut(clip, rng), _LEAST_SCORE)
 
-    def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[Sighting]:
-        return self._sightings(self._maps.cut_held_out(clip, rng), _SURE)
+    def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[FoundVehicle]:
+        return self._vehicles(self._maps.cut_held_out(clip, rng), _SURE)
 
-    def collate(self, samples: Sequence[Sighting]) -> Sighting:
-        return Sighting(torch.stack([each.patches for each in samples]), torch.stack([each.ahead for each in samples]))
+    def collate(self, samples: Sequence[FoundVehicle]) -> FoundVehicle:
+        return FoundVehicle(
+            torch.stack([each.patches for each in samples]), torch.stack([each.ahead for each in samples])
+        )
 
-    def evaluate(self, net: nn.Module, batches: Sequence[Sighting]) -> dict[str, float]:
+    def evaluate(self, net: nn.Module, batches: Sequence[FoundVehicle]) -> dict[str, float]:
         """Return the share of surely found vehicles that point backwards after the second look; NaN without any."""
         assert isinstance(net, DetectorNet | CooperativeNet)
         if not batches:
             return {"backwards": float("nan")}
-        whole = Sighting(torch.cat([each.patches for each in batches]), torch.cat([each.ahead for each in batches]))
+        whole = FoundVehicle(torch.cat([each.patches for each in batches]), torch.cat([each.ahead for each in batches]))
         with torch.no_grad():
             wrong = (self._forward_of(net, whole) > 0) != (whole.ahead > 0)
         return {"backwards": float(wrong.float().mean())}
 
-    def forward(self, batch: Sighting) -> dict[str, Tensor]:
+    def forward(self, batch: FoundVehicle) -> dict[str, Tensor]:
         front = functional.binary_cross_entropy_with_logits(self._forward_of(self.net, batch), batch.ahead)
         return {LOSS: front, "front": front}
 
-    def _forward_of(self, net: DetectorNet | CooperativeNet, batch: Sighting) -> Tensor:
+    def _forward_of(self, net: DetectorNet | CooperativeNet, batch: FoundVehicle) -> Tensor:
         assert net.head.judge is not None
         forward: Tensor = net.head.judge(batch.patches)[0]
         return forward
 
-    def _sightings(self, samples: Sequence[Any], least_score: float) -> list[Sighting]:
+    def _vehicles(self, samples: Sequence[Any], least_score: float) -> list[FoundVehicle]:
         place = next(self.net.parameters()).device
         short, head = numbers_on(place, self._precision) is torch.bfloat16, self.net.head
-        made: list[Sighting] = []
+        made: list[FoundVehicle] = []
         with torch.no_grad(), torch.autocast(place.type, torch.bfloat16, enabled=short):
             for sample in samples:
                 for features, targets in self._features(to_device(self._maps.collate([sample]), place)):
@@ -115,7 +116,7 @@ class FrontTask(TrainingTask):
                     seen = found_boxes(head, features, shared, logits, targets, least_score, _MOST)
                     kept = (seen.ahead != 0) & (seen.group == VEHICLES)
                     ahead = (seen.ahead[kept] > 0).float().cpu()
-                    made += map(Sighting, seen.patches[kept].float().cpu().unbind(), ahead.unbind())
+                    made += map(FoundVehicle, seen.patches[kept].float().cpu().unbind(), ahead.unbind())
         return made
 
     def _features(self, batch: Any) -> Iterator[tuple[Tensor, Targets]]:
@@ -127,7 +128,5 @@ class FrontTask(TrainingTask):
         assert isinstance(self.net, CooperativeNet)
         for sample in batch:
             features = self._maps.detector.encoder(sample.pillars)
-            values, sure = self.net.message(features)
-            for view in sample.views:
-                fused, _ = fused_features(self.net, features, values, sure, sample.grid, view)
+            for fused, view in fused_maps(self.net, features, *self.net.message(features), sample):
                 yield fused, view.targets.to(fused.device)

@@ -14,7 +14,7 @@ from tiny_networks import weights_folder  # noqa: E402
 
 from coopsim.errors import InvalidValueError  # noqa: E402
 from coopsim.learn.recipe import TrainingRecipe, find_recipe  # noqa: E402
-from coopsim.learn.tasks.front_task import FrontTask, Sighting  # noqa: E402
+from coopsim.learn.tasks.front_task import FoundVehicle, FrontTask  # noqa: E402
 from coopsim.learn.weights import encoder_digest, load_cooperative, load_detector, save_weights  # noqa: E402
 
 torch.set_num_threads(1)
@@ -46,7 +46,7 @@ def stored(task: FrontTask, folder: Path) -> str:
     return str(folder / "mine.safetensors")
 
 
-def take_steps(task: FrontTask, batch: Sighting, steps: int = 60) -> list[float]:
+def take_steps(task: FrontTask, batch: FoundVehicle, steps: int = 60) -> list[float]:
     adam = torch.optim.AdamW([each for each in task.net.parameters() if each.requires_grad], lr=0.01)
     losses = []
     task.train()
@@ -66,7 +66,7 @@ def test_the_second_look_alone_is_learned_and_all_else_stays_to_the_bit(name: st
     assert samples and {tuple(each.patches.shape) for each in samples} == {(72,)}
     shown = torch.rand(256, 72, generator=torch.Generator().manual_seed(0))
     first, last = shown[:, :8].sum(dim=1), shown[:, -8:].sum(dim=1)  # of two opposite places
-    losses = take_steps(task, Sighting(shown, (first > last).float()))
+    losses = take_steps(task, FoundVehicle(shown, (first > last).float()))
     assert losses[-1] < 0.5 * losses[0]
     path = stored(task, tmp_path)
     detector = load_detector(weights("pillars"))
@@ -96,10 +96,10 @@ def test_validation_is_the_share_of_wrong_ways() -> None:
     batch = task.collate(task.cut_held_out(CLIP, np.random.default_rng(0)))
     with torch.no_grad():
         forward, _ = task.net.head.judge(batch.patches)
-    right = Sighting(batch.patches, (forward > 0).float())
+    right = FoundVehicle(batch.patches, (forward > 0).float())
     assert np.isnan(task.evaluate(task.net, [])["backwards"])
     assert task.evaluate(task.net, [right]) == {"backwards": 0.0}
-    assert task.evaluate(task.net, [right, Sighting(right.patches, 1 - right.ahead)]) == {"backwards": 0.5}
+    assert task.evaluate(task.net, [right, FoundVehicle(right.patches, 1 - right.ahead)]) == {"backwards": 0.5}
 
 
 def test_what_has_no_second_look_to_train_is_refused() -> None:
