@@ -64,14 +64,17 @@ def heat_loss(logits: Tensor, heat: Tensor, objects: int, ignored: Tensor | None
 def code_losses(code: Tensor, targets: Targets) -> dict[str, Tensor]:
     """Return the losses of codes (M, 19): smooth L1 of the values, and the Gaussian likelihood of their errors.
 
-    Gradients of the likelihood reach the log variances alone, so that a large variance does not excuse a bad box.
+    Each is a mean over cells by their heat; that of velocities is one over cells whose sample shows motion. Gradients
+    of the likelihood reach the log variances alone, so that a large variance does not excuse a bad box.
     """
     weight, true = targets.weight, targets.code
-    total = weight.sum().clamp(min=1.0)
+
+    def mean(each: Tensor, weight: Tensor = weight) -> Tensor:
+        return (each * weight).sum() / weight.sum().clamp(min=1.0)
 
     def loss(part: slice, weight: Tensor = weight) -> Tensor:
         error = functional.smooth_l1_loss(code[:, part], true[:, part], reduction="none", beta=0.1)
-        return (error.sum(dim=1) * weight).sum() / total
+        return mean(error.sum(dim=1), weight)
 
     error = residuals(code, true, targets.yaw, targets.cell_m).detach()
     spread = code[:, LOG_VARIANCE].clamp(-8.0, 4.0)
@@ -81,7 +84,7 @@ def code_losses(code: Tensor, targets: Targets) -> dict[str, Tensor]:
         "size": loss(SIZE),
         "yaw": loss(AXIS) + 0.5 * loss(HEADING),
         "velocity": loss(VELOCITY, weight * targets.moves),
-        "variance": (likelihood * weight).sum() / total,
+        "variance": mean(likelihood),
     }
 
 

@@ -49,6 +49,15 @@ def test_true_codes_cost_nothing_and_variances_fit_errors_without_moving_boxes()
     assert wrong.grad[:, 12:].any()
 
 
+def test_velocities_count_where_a_sample_shows_them_and_are_not_diluted_by_the_others() -> None:
+    moves, shows_none = targets(), make_targets(BOXES, np.ones((2, 2)), np.array([0, 7]), GRID, moves=False)
+    none = torch.zeros(len(moves.cell), 19)
+    alone, beside = code_losses(none, moves), code_losses(none.repeat(2, 1), join_targets([moves, shows_none]))
+    assert float(alone["velocity"]) > 0
+    assert float(beside["velocity"]) == float(alone["velocity"])
+    assert float(code_losses(none, shows_none)["velocity"]) == 0
+
+
 def test_joined_targets_are_those_of_a_batch() -> None:
     one, other = targets(), make_targets(BOXES[:1], np.zeros((1, 2)), np.array([0]), GRID)
     both = join_targets([one, other])
