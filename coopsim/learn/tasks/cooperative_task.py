@@ -66,6 +66,10 @@ class CooperativeTask(TrainingTask):
                 f"network flow must be 0 with kind: {recipe.kind}, got {config.flow}: see kind: flow"
             )
         if recipe.start is None:
+            if recipe.kind != "front" and config.head == "turned" and detector.head.judge is None:
+                raise InvalidValueError(
+                    'network head must be "centre", as the detector\'s: kind: front makes a "turned" one of it'
+                )
             copy_weights(detector.head, self.net.head)
         else:
             self._start(load_cooperative(recipe.start, detector))

@@ -14,6 +14,7 @@ from tiny_networks import weights_folder  # noqa: E402
 
 from coopsim.errors import InvalidValueError  # noqa: E402
 from coopsim.learn.recipe import TrainingRecipe, find_recipe  # noqa: E402
+from coopsim.learn.tasks.cooperative_task import CooperativeTask  # noqa: E402
 from coopsim.learn.tasks.front_task import FoundVehicle, FrontTask  # noqa: E402
 from coopsim.learn.weights import encoder_digest, load_cooperative, load_detector, save_weights  # noqa: E402
 
@@ -109,3 +110,9 @@ def test_what_has_no_second_look_to_train_is_refused() -> None:
         FrontTask(recipe(network={"cell_m": 0.4}), 0)
     with pytest.raises(InvalidValueError, match="kind detector or cooperative, is 'queries'"):
         FrontTask(recipe(weights("cooptrack")), 0)
+
+
+def test_a_fusion_takes_no_second_look_that_nobody_trains() -> None:
+    untrained = recipe().changed(start=None, kind="cooperative", network={"fusion": "attfuse", "head": "turned"})
+    with pytest.raises(InvalidValueError, match='network head must be "centre"'):
+        CooperativeTask(untrained, 0)
