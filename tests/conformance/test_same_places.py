@@ -53,7 +53,7 @@ def test_places_are_the_same_whatever_kernels_blas_has(towns: str, kernels: str)
 @pytest.mark.skipif(len(KERNELS) < 4 or not FEATURES, reason="needs a processor with SIMD that can be switched off")
 def test_the_settings_are_others() -> None:
     # If the sums of BLAS and the functions of numpy had the same bits in all settings, the tests above could not fail.
-    # Which functions have others depends on the processor: without AVX-512 it is the exponential, and not the arc.
+    # Which functions have others depends on the processor: without AVX-512 it is exp, and not arctan2.
     code = (
         "import numpy as np; x = np.random.default_rng(0).normal(size=(64, 2)); "
         "print((x @ x.T).tobytes().hex(), np.arctan2(*x.T).tobytes().hex() + np.exp(x).tobytes().hex())"
