@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -55,8 +55,10 @@ class CooperativeTask(TrainingTask):
         super().__init__()
         self._settings = load(SampleSettings, recipe.samples, "samples")
         detector = load_detector(recipe.detector)
+        start = None if recipe.start is None else load_cooperative(recipe.start, detector)
+        head = (start or detector).config.head
         self.net = make_network(
-            "cooperative", {"features": detector.config.features, "head": detector.config.head, **recipe.network}, seed
+            "cooperative", {"features": detector.config.features, "head": head, **recipe.network}, seed
         )
         config = self.net.config
         if config.features != detector.config.features:
@@ -65,14 +67,16 @@ class CooperativeTask(TrainingTask):
             raise InvalidValueError(
                 f"network flow must be 0 with kind: {recipe.kind}, got {config.flow}: see kind: flow"
             )
-        if recipe.start is None:
+        if start is None:
             if recipe.kind != "front" and config.head == "turned" and detector.head.judge is None:
                 raise InvalidValueError(
                     'network head must be "centre", as the detector\'s: kind: front makes a "turned" one of it'
                 )
             copy_weights(detector.head, self.net.head)
+        elif start.config != config:
+            raise InvalidValueError(f"network must be that of start, {asdict(start.config)}")
         else:
-            self._start(load_cooperative(recipe.start, detector))
+            self.net.load_state_dict(start.state_dict())
         self.detector = copy.deepcopy(detector).eval().requires_grad_(False)
         self.teacher = None if recipe.teacher is None else copy.deepcopy(load_detector(recipe.teacher))
         if self.teacher is not None:
@@ -81,12 +85,6 @@ class CooperativeTask(TrainingTask):
         normalisations = (each for each in self.net.modules() if isinstance(each, nn.modules.batchnorm._BatchNorm))
         self.frozen = [self.detector, *normalisations, *([self.teacher] if self.teacher else [])]
         self.metadata = weights_metadata("cooperative", config, recipe, detector)
-
-    def _start(self, start: nn.Module) -> None:
-        try:
-            self.net.load_state_dict(start.state_dict())
-        except RuntimeError as error:
-            raise InvalidValueError(f"network must be that of start: {error}") from error
 
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
         return self._samples(clip, rng, self._settings, taught=self.teacher is not None)
