@@ -15,7 +15,7 @@ from coopsim.comms.envelope import decode_features
 from coopsim.comms.uplinks.once_per_frame import EncodeOnce
 from coopsim.comms.uplinks.share_features import ShareMaps
 from coopsim.comms.uplinks.uplink import Uplink
-from coopsim.geometry.se3 import SE3
+from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.checks import require_choice
 from coopsim.types import (
     AgentSpec,
@@ -24,7 +24,6 @@ from coopsim.types import (
     FeatureMap,
     Message,
     Observation,
-    PoseEstimate,
     SensorView,
     stack_xyz_yaw,
 )
@@ -166,7 +165,7 @@ class LearnedFusion(PerceivingPolicy):
                 self._sender_SE2_receiver(agent, observation, each),
                 each.delay_s(observation.time_ns),
                 self._kind(each.message.sender),
-                _error_of(observation.pose, each.message.pose),
+                self._error(agent, observation, each),
             )
             for each in received
         ]
@@ -194,16 +193,25 @@ class LearnedFusion(PerceivingPolicy):
         compass_SE3_sender = SE3.from_xyz_yaw(np.zeros(3), float(received.message.pose.xyz_yaw[3]))
         return stack_xyz_yaw(compass_SE3_sender.compose(sender_SE3_compass))[[0, 1, 3]]
 
+    def _error(self, agent: str, observation: Observation, received: Received) -> tuple[float, float]:
+        """Return the standard deviations of the place (m) and heading (rad) of a sender in the receiver's frame.
+
+        They are what both state, or with `align` what the common objects leave of it.
+        """
+        alignment, message = self._states[agent].alignment, received.message
+        left = None if alignment is None else alignment.covariance(message.sender)
+        stated = [each.covariance for each in (observation.pose, message.pose)]
+        return _deviations([each for each in (stated if left is None else [left]) if each is not None])
+
     def _kind(self, sender: str) -> int:
         return self._kinds.index(self.specs[sender].kind) if sender in self.specs else 0
 
 
-def _error_of(*poses: PoseEstimate) -> tuple[float, float]:
-    """Return the standard deviations of the place (m) and the heading (rad) between agents, by what they state."""
-    stated = [pose.covariance for pose in poses if pose.covariance is not None]
-    if not stated:
+def _deviations(covariances: Sequence[Floats]) -> tuple[float, float]:
+    """Return the standard deviations of place (m) and heading (rad) of a sum of errors; without any, 0."""
+    if not covariances:
         return 0.0, 0.0
-    variance = np.maximum(np.diagonal(np.sum(stated, axis=0)), 0.0)
+    variance = np.maximum(np.diagonal(np.sum(covariances, axis=0)), 0.0)
     return float(np.sqrt(variance[:2].mean())), float(np.sqrt(variance[2]))
 
 

@@ -82,6 +82,14 @@ class PoseAlignment:
                 placed[row] = _corrected(stated[row], by_sender[received[row][0].sender])
         return placed
 
+    def covariance(self, sender: str) -> Floats | None:
+        """Return the covariance (3, 3) of where a sender's last message was placed: x, y (m) and heading (rad).
+
+        None: nothing came from this sender, or too long ago.
+        """
+        known = self._senders.get(sender)
+        return None if known is None else known.covariance
+
     def _own_pose(self, observation: Observation) -> SE3:
         """Return the receiver's smoothed pose, `world_SE3_base`."""
         if self._own is None:

@@ -73,7 +73,8 @@ class PlacedMap:
         sender_SE2_receiver: (3,) x m, y m, yaw rad of the receiver's frame in the sender's.
         delay_s: its age.
         kind: index of the sender's kind in `KINDS`.
-        error: standard deviations of this place (m) and its heading (rad), as both agents state their errors.
+        error: standard deviations of this place (m) and its heading (rad): as both agents state their errors, or as
+            common objects leave them.
     """
 
     map: ReceivedMap

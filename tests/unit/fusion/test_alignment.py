@@ -109,6 +109,29 @@ def test_a_constant_error_stays_corrected_while_nothing_is_shared() -> None:
     assert np.hypot(*(placed.translation - there.translation)[:2]) < 0.25
 
 
+@pytest.mark.parametrize(("apart_m", "least_m", "most_m"), [(0.0, 0.01, 0.15), (300.0, 0.6, 0.8)])
+def test_what_may_be_left_of_an_error_is_known(apart_m: float, least_m: float, most_m: float) -> None:
+    """Common objects leave little of what both state; without any, the sum of both is left."""
+    rng, frame, alignment = (
+        np.random.default_rng(0),
+        OdometryFrame(),
+        PoseAlignment(dict.fromkeys(NAMES, False), "cav_0"),
+    )
+    here, there = (SE3.from_xyz_yaw([x, y, 0.0], yaw) for x, y, yaw in STANDING)
+    stated, error = np.diag(np.square([0.5, 0.5, 0.009])), white(0.5, 0.009)
+    assert alignment.covariance("cav_1") is None
+    for k in range(10):
+        x, y, yaw = np.asarray(STANDING[1]) + error(k)
+        message = Message("cav_1", k * FRAME_NS, PoseEstimate(np.array([x, y, 0.0, yaw]), stated), b"", "detections")
+        own = seen_from(here, rng, 12, 5.0)
+        observation = Observation(k * FRAME_NS, PoseEstimate(np.zeros(4), stated), Odometry(np.zeros(4)), own)
+        frame.move(observation)
+        alignment.place(observation, frame, own, [(message, seen_from(there, rng, 12, 5.0 + apart_m))])
+    left = alignment.covariance("cav_1")
+    assert left is not None and left.shape == (3, 3)
+    assert np.all((np.sqrt(np.diagonal(left))[:2] > least_m) & (np.sqrt(np.diagonal(left))[:2] < most_m))
+
+
 @pytest.mark.parametrize("scale", [1.0, 0.01])
 def test_an_overconfident_covariance_is_found_out(scale: float) -> None:
     """A tenth of the true deviation is stated: the filter learns the true one from what the objects say."""

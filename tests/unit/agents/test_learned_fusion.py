@@ -1,0 +1,36 @@
+"""What a fusion of maps tells its network of the places of senders."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+from street_scene import spec_of
+from tiny_networks import learned
+
+import coopsim
+from coopsim.agents.perceiving_policy import Received
+from coopsim.geometry.se3 import SE3
+from coopsim.types import Detections, Message, Observation, Odometry, PoseEstimate
+
+
+@pytest.mark.parametrize(
+    ("aligned", "error"),
+    [(None, (0.5, 0.05)), (np.diag([0.01, 0.01, 0.0001]), (0.1, 0.01)), ("unknown", (0.5, 0.05))],
+    ids=["stated", "left by common objects", "not heard for long"],
+)
+def test_a_network_is_told_what_is_left_of_the_errors(aligned: Any, error: tuple[float, float]) -> None:
+    policy = coopsim.make_policy("attfuse", **learned("attfuse"))
+    policy.reset({name: spec_of(name, "cav") for name in ("cav_0", "cav_1")}, seed=0)
+    if aligned is not None:
+        left = None if isinstance(aligned, str) else aligned
+        policy._states["cav_0"].alignment = SimpleNamespace(covariance=lambda sender: left)
+    own, other = (np.diag(np.square([size, size, size / 10])) for size in (0.3, 0.4))
+    observation = Observation(0, PoseEstimate(np.zeros(4), own), Odometry(np.zeros(4)), Detections.empty())
+    message = Message("cav_1", 0, PoseEstimate(np.zeros(4), other), b"", "features")
+    received = Received(message, None, 0, SE3.from_xyz_yaw(np.zeros(3), 0.0))
+    assert policy._error("cav_0", observation, received) == pytest.approx(error)
