@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 pytest.importorskip("torch")
-from street_scene import spec_of
+from street_scene import observe, spec_of
 from tiny_networks import learned
 
 import coopsim
 from coopsim.agents.perceiving_policy import Received
+from coopsim.comms.envelope import decode_features
 from coopsim.geometry.se3 import SE3
 from coopsim.types import Detections, Message, Observation, Odometry, PoseEstimate
 
@@ -34,3 +35,16 @@ def test_a_network_is_told_what_is_left_of_the_errors(aligned: Any, error: tuple
     message = Message("cav_1", 0, PoseEstimate(np.zeros(4), other), b"", "features")
     received = Received(message, None, 0, SE3.from_xyz_yaw(np.zeros(3), 0.0))
     assert policy._error("cav_0", observation, received) == pytest.approx(error)
+
+
+def test_messages_of_all_channels_have_the_most_confident_cells_alone() -> None:
+    policy = coopsim.make_policy("gsaf", weights="gsaf64")
+    spec, rng = spec_of("rsu_0", "rsu"), np.random.default_rng(0)
+    policy.reset({spec.name: spec}, seed=0)
+    uplink = policy.make_uplink(spec, rng)
+    uplink.begin(spec, rng)
+    message = uplink.message("rsu_0", observe(0))
+    features = decode_features(message)
+    sent = np.abs(features.values).max(axis=0) > 0
+    assert len(features.values) == 64 and sent.sum() <= 600 and 30_000 < len(message.payload) < 42_000
+    assert features.confidence is not None

@@ -205,7 +205,7 @@ def test_the_papers_preset_has_every_policy_that_has_weights_and_changes_one_thi
     known = {coopsim.POLICIES.get(name) for name in coopsim.POLICIES.names() if name != "truth"}  # no competitor
     without = {coopsim.POLICIES.get(name) for name in grid.left_out}
     assert named == known - without
-    assert len(grid.policies) == len(named) + 3  # late_fusion is there in three ways, where2comm in two
+    assert len(grid.policies) == len(named) + 4  # late_fusion is there in three ways, where2comm and gsaf in two
     conditions = list(grid.conditions())
     assert len(conditions) == 1 + 4 * 2 == len(set(conditions))
     mildest = Condition("town")
