@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,7 @@ from coopsim.learn.tasks.training_task import (
     WeightsFile,
     copy_weights,
     mean_losses,
+    require_config_of,
     weights_metadata,
 )
 from coopsim.learn.weights import encoder_digest, load_cooperative, load_detector, make_network
@@ -73,9 +74,8 @@ class CooperativeTask(TrainingTask):
                     'network head must be "centre", as the detector\'s: kind: front makes a "turned" one of it'
                 )
             copy_weights(detector.head, self.net.head)
-        elif start.config != config:
-            raise InvalidValueError(f"network must be that of start, {asdict(start.config)}")
         else:
+            require_config_of(start, config)
             self.net.load_state_dict(start.state_dict())
         self.detector = copy.deepcopy(detector).eval().requires_grad_(False)
         self.teacher = None if recipe.teacher is None else copy.deepcopy(load_detector(recipe.teacher))

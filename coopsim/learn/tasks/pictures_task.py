@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,14 @@ from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.picture_samples import PicturesOfBatch, collate_picture_samples, picture_samples
 from coopsim.learn.tasks.detector_task import found_map
-from coopsim.learn.tasks.training_task import LOSS, FoundMap, TrainingTask, copy_weights, weights_metadata
+from coopsim.learn.tasks.training_task import (
+    LOSS,
+    FoundMap,
+    TrainingTask,
+    copy_weights,
+    require_config_of,
+    weights_metadata,
+)
 from coopsim.learn.weights import load_detector, load_pictures, load_points_and_pictures, make_network, read_texts
 from coopsim.nn.camera.lift_splat import LiftSplatConfig, LiftSplatEncoder, PictureDetectorNet
 from coopsim.nn.camera.picture_net import PictureFeatures
@@ -70,12 +76,11 @@ class PicturesTask(TrainingTask):
         else:
             before = load_pictures(start, detector)
         same_kind = type(before) is type(self.net)
-        if before.config != (self.net.config if same_kind else self._config):
-            of_network = "network" if same_kind else "network.pictures"
-            raise InvalidValueError(f"{of_network} must be that of start, {asdict(before.config)}")
         if same_kind:
+            require_config_of(before, self.net.config)
             self.net.load_state_dict(before.state_dict())
         else:
+            require_config_of(before, self._config, "network.pictures")
             self.net.encoder.pictures.load_state_dict(before.encoder.pictures.state_dict())
 
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:

@@ -121,9 +121,15 @@ def first_net(recipe: TrainingRecipe, seed: int) -> Any:
     if recipe.start is None:
         return net
     start = load_network(recipe.kind, recipe.start)
-    if recipe.network and start.config != net.config:
-        raise InvalidValueError(f"network must be that of start, {asdict(start.config)}, or left out")
+    if recipe.network:
+        require_config_of(start, net.config, hint=", or left out")
     return copy.deepcopy(start).requires_grad_(True)
+
+
+def require_config_of(start: Any, config: Any, name: str = "network", hint: str = "") -> None:
+    """Raise `InvalidValueError` unless options are those of the network that a training begins with."""
+    if start.config != config:
+        raise InvalidValueError(f"{name} must be that of start, {asdict(start.config)}{hint}")
 
 
 def copy_weights(source: nn.Module, net: nn.Module) -> None:

@@ -1,4 +1,4 @@
-"""What a fusion of maps tells its network of the places of senders."""
+"""What a fusion of maps sends, and what it tells its network of the places of senders."""
 
 from __future__ import annotations
 
@@ -19,17 +19,23 @@ from coopsim.geometry.se3 import SE3
 from coopsim.types import Detections, Message, Observation, Odometry, PoseEstimate
 
 
+def alignment_that_knows(left: Any) -> Any:
+    return SimpleNamespace(covariance=lambda sender: left)
+
+
 @pytest.mark.parametrize(
-    ("aligned", "error"),
-    [(None, (0.5, 0.05)), (np.diag([0.01, 0.01, 0.0001]), (0.1, 0.01)), ("unknown", (0.5, 0.05))],
+    ("alignment", "error"),
+    [
+        (None, (0.5, 0.05)),
+        (alignment_that_knows(np.diag([0.01, 0.01, 0.0001])), (0.1, 0.01)),
+        (alignment_that_knows(None), (0.5, 0.05)),
+    ],
     ids=["stated", "left by common objects", "not heard for long"],
 )
-def test_a_network_is_told_what_is_left_of_the_errors(aligned: Any, error: tuple[float, float]) -> None:
+def test_a_network_is_told_what_is_left_of_the_errors(alignment: Any, error: tuple[float, float]) -> None:
     policy = coopsim.make_policy("attfuse", **learned("attfuse"))
     policy.reset({name: spec_of(name, "cav") for name in ("cav_0", "cav_1")}, seed=0)
-    if aligned is not None:
-        left = None if isinstance(aligned, str) else aligned
-        policy._states["cav_0"].alignment = SimpleNamespace(covariance=lambda sender: left)
+    policy._states["cav_0"].alignment = alignment
     own, other = (np.diag(np.square([size, size, size / 10])) for size in (0.3, 0.4))
     observation = Observation(0, PoseEstimate(np.zeros(4), own), Odometry(np.zeros(4)), Detections.empty())
     message = Message("cav_1", 0, PoseEstimate(np.zeros(4), other), b"", "features")

@@ -48,10 +48,19 @@ def errors_m(
         seen: whether the agents may be seen by each other.
         least: of the alignment.
     """
-    rng, frame = np.random.default_rng(0), OdometryFrame()
     alignment = PoseAlignment(dict.fromkeys(NAMES, seen), "cav_0", least)
+    there = SE3.from_xyz_yaw([*STANDING[1][:2], 0.0], STANDING[1][2])
+    played = play(alignment, error, frames=frames, count=count, covariance=covariance, apart_m=apart_m)
+    return np.array([[np.hypot(*(pose.translation - there.translation)[:2]) for pose in each] for each in played])
+
+
+def play(
+    alignment: PoseAlignment, error: Any, *, frames: int, count: int = 12, covariance: Any = None, apart_m: float = 0.0
+) -> list[tuple[SE3, SE3]]:
+    """The sender's pose in each frame as it is stated and as it is placed; arguments as of `errors_m`."""
+    rng, frame = np.random.default_rng(0), OdometryFrame()
     here, there = (SE3.from_xyz_yaw([x, y, 0.0], yaw) for x, y, yaw in STANDING)
-    found = []
+    poses = []
     for k in range(frames):
         x, y, yaw = np.asarray(STANDING[1]) + error(k)
         said = PoseEstimate(np.array([x, y, 0.0, yaw]), covariance)
@@ -61,8 +70,8 @@ def errors_m(
         frame.move(observation)
         heard = (message, seen_from(there, rng, count, 5.0 + apart_m))
         placed = alignment.place(observation, frame, own, [heard])[0]
-        found.append([np.hypot(*(pose.translation - there.translation)[:2]) for pose in (said.world_SE3_base, placed)])
-    return np.array(found)
+        poses.append((said.world_SE3_base, placed))
+    return poses
 
 
 def white(size: float, heading_rad: float) -> Any:
@@ -112,21 +121,10 @@ def test_a_constant_error_stays_corrected_while_nothing_is_shared() -> None:
 @pytest.mark.parametrize(("apart_m", "least_m", "most_m"), [(0.0, 0.01, 0.15), (300.0, 0.6, 0.8)])
 def test_what_may_be_left_of_an_error_is_known(apart_m: float, least_m: float, most_m: float) -> None:
     """Common objects leave little of what both state; without any, the sum of both is left."""
-    rng, frame, alignment = (
-        np.random.default_rng(0),
-        OdometryFrame(),
-        PoseAlignment(dict.fromkeys(NAMES, False), "cav_0"),
-    )
-    here, there = (SE3.from_xyz_yaw([x, y, 0.0], yaw) for x, y, yaw in STANDING)
-    stated, error = np.diag(np.square([0.5, 0.5, 0.009])), white(0.5, 0.009)
+    alignment = PoseAlignment(dict.fromkeys(NAMES, False), "cav_0")
     assert alignment.covariance("cav_1") is None
-    for k in range(10):
-        x, y, yaw = np.asarray(STANDING[1]) + error(k)
-        message = Message("cav_1", k * FRAME_NS, PoseEstimate(np.array([x, y, 0.0, yaw]), stated), b"", "detections")
-        own = seen_from(here, rng, 12, 5.0)
-        observation = Observation(k * FRAME_NS, PoseEstimate(np.zeros(4), stated), Odometry(np.zeros(4)), own)
-        frame.move(observation)
-        alignment.place(observation, frame, own, [(message, seen_from(there, rng, 12, 5.0 + apart_m))])
+    stated = np.diag(np.square([0.5, 0.5, 0.009]))
+    play(alignment, white(0.5, 0.009), frames=10, covariance=stated, apart_m=apart_m)
     left = alignment.covariance("cav_1")
     assert left is not None and left.shape == (3, 3)
     assert np.all((np.sqrt(np.diagonal(left))[:2] > least_m) & (np.sqrt(np.diagonal(left))[:2] < most_m))
