@@ -26,6 +26,7 @@ class FakeGpu(TorchFunctionMode):
         monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
         monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
         monkeypatch.setattr(torch.cuda, "is_bf16_supported", lambda including_emulation=True: False)
+        monkeypatch.setattr(torch.nn.Parameter, "__deepcopy__", _copied)
         self.layers = 0
         self.elsewhere: list[str] = []
 
@@ -39,10 +40,22 @@ class FakeGpu(TorchFunctionMode):
         if name == "_parse_to":  # of `Module.to`
             return func(*args, **kwargs)
         if name == "__set__":
-            _mark(args[0], is_on_gpu(args[1]))
+            if func == torch.Tensor.data.__set__:
+                _mark(args[0], is_on_gpu(args[1]))
             return func(*args)
+        if func == torch.Tensor.grad.__get__:  # made by `backward`, where the tensor is
+            if (gradient := func(*args)) is not None:
+                _mark(gradient, is_on_gpu(args[0]))
+            return gradient
         if name in ("numpy", "__array__") and is_on_gpu(args[0]) and not kwargs.get("force"):
             raise TypeError("can't convert cuda:0 device type tensor to numpy")
+        if name == "__deepcopy__":  # its second argument has the copies that were made before, of any device
+            copied = func(*args, **kwargs)
+            _mark(copied, is_on_gpu(args[0]))
+            return copied
+        if name == "to" and len(args) > 1 and isinstance(args[1], str):
+            args = (args[0], torch.device(args[1]), *args[2:])
+            wanted = args[1]
         if name == "to" and len(given) == 2:
             wanted = GPU if is_on_gpu(given[1]) else torch.device("cpu")
         if wanted is None and name not in ("copy_", "__get__", "_has_compatible_shallow_copy_type"):
@@ -55,7 +68,9 @@ class FakeGpu(TorchFunctionMode):
             on_gpu = False
         args, kwargs = tree_map(_really, (args, kwargs))
         made = func(*args, **kwargs)
-        return tree_map(lambda each: _placed(each, on_gpu), made)
+        moves = wanted is not None or name in ("cpu", "numpy")
+        own = [] if moves else given  # what is changed in place stays where it is
+        return tree_map(lambda each: each if any(each is one for one in own) else _placed(each, on_gpu, moves), made)
 
 
 def is_on_gpu(tensor: torch.Tensor) -> bool:
@@ -67,9 +82,19 @@ def _mark(tensor: torch.Tensor, on_gpu: bool) -> None:
     tensor.__dict__["on_gpu"] = on_gpu
 
 
-def _placed(made: Any, on_gpu: bool) -> Any:
+_copy = torch.nn.Parameter.__deepcopy__
+
+
+def _copied(parameter: torch.nn.Parameter, memo: dict[int, Any]) -> torch.nn.Parameter:
+    """Return a copy on the same device."""
+    made = _copy(parameter, memo)
+    _mark(made, is_on_gpu(parameter))
+    return made
+
+
+def _placed(made: Any, on_gpu: bool, moves: bool) -> Any:
     if isinstance(made, torch.Tensor) and is_on_gpu(made) != on_gpu:
-        made = made.clone()  # a move to another device copies
+        made = made.clone() if moves else made  # a move to another device copies; a view stays one
         _mark(made, on_gpu)
     return made
 

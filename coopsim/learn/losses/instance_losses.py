@@ -39,18 +39,19 @@ class LabelledInstances:
 
     def by_row(self, count: int) -> Tensor:
         """Return the object of each of `count` instances, (count,), or -1."""
-        found = torch.full((count,), -1, dtype=torch.int64)
+        found = self.rows.new_full((count,), -1)
         found[self.rows] = self.objects
         return found
 
 
 def labelled(known: Instances, truth: TrueObjects) -> LabelledInstances:
     """Match instances with objects of their group of classes by the distances of their centres (Hungarian)."""
-    away = torch.cdist(known.box[:, :2].detach(), truth.box[:, :2]).double().numpy()
-    group, others = GROUP_OF_LABEL[known.label.numpy()], GROUP_OF_LABEL[truth.label.numpy()]
+    away = torch.cdist(known.box[:, :2].detach(), truth.box[:, :2]).double().cpu().numpy()
+    group, others = (GROUP_OF_LABEL[each.label.cpu().numpy()] for each in (known, truth))
     possible = (away <= LABEL_REACH_M) & (group[:, None] == others)
     rows, objects = hungarian(np.where(possible, -away, -np.inf), -np.inf)
-    return LabelledInstances(torch.from_numpy(rows), torch.from_numpy(objects))
+    device = known.box.device
+    return LabelledInstances(torch.from_numpy(rows).to(device), torch.from_numpy(objects).to(device))
 
 
 def instance_losses(
@@ -80,7 +81,7 @@ def class_loss(logits: Tensor, truth: TrueObjects, labels: LabelledInstances) ->
     Instances of objects that are not to be found do not count.
     """
     found = labels.shown(truth)
-    counted = torch.ones(len(logits), dtype=torch.bool)
+    counted = torch.ones(len(logits), dtype=torch.bool, device=logits.device)
     counted[labels.rows[~truth.shown[labels.objects]]] = False
     target = torch.zeros_like(logits)
     target[found.rows, truth.label[found.objects]] = 1.0

@@ -21,6 +21,7 @@ from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.detector.pillars import collate, pillarize
 from coopsim.nn.fusion import FusionContext, as_batch
+from coopsim.nn.inference.backend import to_device
 from coopsim.nn.inference.canvas import way_to_world_cells
 from coopsim.nn.queries.query_net import SeenMap
 from coopsim.support.rng import stream
@@ -117,6 +118,7 @@ def encode_clip(
     """
     axes_rad, mirrored = float(rng.uniform(-np.pi, np.pi)), rng.random() < settings.mirrored
     flip = np.array([1.0, -1.0 if mirrored else 1.0])
+    device = next(detector.parameters()).device
     scenes = []
     for number, scene in enumerate(clip.scenes):
         seen, places = [], []
@@ -130,7 +132,7 @@ def encode_clip(
             x_m, y_m = way_to_world_cells(place, STRIDE * detector.config.cell_m)
             reach_m = settings.reach_m
             canvas = BevGrid((x_m - reach_m, x_m + reach_m), (y_m - reach_m, y_m + reach_m), detector.config.cell_m)
-            features = detector.encoder(collate([pillarize(points, canvas)])).float()
+            features = detector.encoder(to_device(collate([pillarize(points, canvas)]), device)).float()
             map_ = see(features, canvas.coarser(STRIDE))
             seen.append(replace(map_, features=map_.features.half()))
             places.append([*place, agent.xyz_yaw[2]])
@@ -231,7 +233,7 @@ def true_objects(sample: QueryStream, number: int, agent: int, *, alone: bool) -
             shown |= np.isin(scene.object_id, earlier.object_id[earlier.returns[:, sender]])
     box = scene.box.clone()
     box[:, :3] -= torch.from_numpy(scene.place_m[agent]).to(box)
-    return TrueObjects(box, scene.velocity, scene.label, torch.from_numpy(shown))
+    return TrueObjects(box, scene.velocity, scene.label, torch.from_numpy(shown).to(box.device))
 
 
 _ROUNDING_S = 1e-6
@@ -260,9 +262,9 @@ def fused_view(
     if not parts:
         return inside[0], grid
     received, mask = torch.cat([each for each, _ in parts]), torch.cat([each for _, each in parts])
-    kinds = torch.zeros(len(parts), dtype=torch.long)
+    kinds = torch.zeros(len(parts), dtype=torch.long, device=features.device)
     sure, _ = warp(net.confidence(as_batch(features))[None], own.grid, grid, np.zeros((1, 3)))
-    context = FusionContext(torch.tensor(delays), kinds, received[:, -1], sure[0, 0])
+    context = FusionContext(features.new_tensor(delays), kinds, received[:, -1], sure[0, 0])
     return net(inside[0], own_mask[0], received[:, :-1], mask, context), grid
 
 
@@ -277,8 +279,8 @@ def _message(
         earlier = sample.clip.scenes[then - 1].seen[sender]
         before, _ = net.message(as_batch(earlier.features.float()))
         placed, known = warp(before, earlier.grid, seen.grid, _before_SE2_then(sample, then, sender)[None])
-        change = net.flow(values, placed, known, torch.tensor([dt_s]))
-        values = moved_on(values, change, torch.tensor([delay_s]))
+        change = net.flow(values, placed, known, values.new_tensor([dt_s]))
+        values = moved_on(values, change, values.new_tensor([delay_s]))
     return torch.cat([values, sure[:, None]], dim=1), seen.grid
 
 

@@ -106,7 +106,7 @@ def taught_frames(net: IntegratedNet, sample: QueryStream, crop_cells: int | Non
             peaks = peaks_of(net, net.cooperative.head, features[None], grid)
             step = net(features, grid, peaks, tracks, before, sample.clip.dt_s)
             truth = _within(true_objects(sample, number, agent, alone=False), grid)
-            ids = torch.from_numpy(np.array(scene.object_id, np.int64))
+            ids = torch.from_numpy(np.array(scene.object_id, np.int64)).to(features.device)
             yield TaughtFrame(step, truth, same_objects(tracks.number, ids))
             tracks, before = _carried(step.detected, step.predicted, truth, ids, sample.clip.dt_s), step.prior
             tracks = tracks.surest(net.config.places)
@@ -129,9 +129,9 @@ def _carried(detected: Instances, predicted: Instances, truth: TrueObjects, ids:
     number = torch.where(object_of >= 0, ids[object_of], UNNUMBERED) if len(ids) else object_of
     found = kept_instances(replace(detected, number=number))
     pairs = same_objects(predicted.number, found.number)
-    born = torch.ones(len(found), dtype=torch.bool)
+    born = torch.ones(len(found), dtype=torch.bool, device=ids.device)
     born[pairs.objects] = False
-    tracks = updated_tracks(predicted, found, (pairs.rows.numpy(), pairs.objects.numpy()), born, dt_s)
+    tracks = updated_tracks(predicted, found, (pairs.rows.cpu().numpy(), pairs.objects.cpu().numpy()), born, dt_s)
     known = (tracks.missed == 0) | ((tracks.number != UNNUMBERED) & (tracks.missed <= _LONGEST_MISSED))
     return tracks[known]
 

@@ -188,8 +188,8 @@ class QueryEvaluation:
         self._place_m += (found.box[rows, :2] - truth.box[objects, :2]).norm(dim=1).tolist()
         self._speed_m_s += (found.velocity[rows] - truth.velocity[objects]).norm(dim=1).tolist()
         for each in step.compared:
-            mine = labelled(each.own, truth).by_row(len(each.own)).numpy()
-            theirs = labelled(each.others, truth).by_row(len(each.others)).numpy()
+            mine = labelled(each.own, truth).by_row(len(each.own)).cpu().numpy()
+            theirs = labelled(each.others, truth).by_row(len(each.others)).cpu().numpy()
             pairs = sure_pairs(each.logits, 0.5)
             right = (mine[pairs[0]] == theirs[pairs[1]]) & (mine[pairs[0]] >= 0)
             both = len(np.intersect1d(mine[mine >= 0], theirs[theirs >= 0]))

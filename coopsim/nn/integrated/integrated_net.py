@@ -101,7 +101,7 @@ class IntegratedNet(nn.Module):
 
     def nothing(self) -> Instances:
         """Return no objects: what is known before a first frame."""
-        return Instances.none(self.config.width, 0)
+        return Instances.none(self.config.width, 0, next(self.parameters()).device)
 
     def seen(self, box: Tensor, score: Tensor, label: Tensor) -> Instances:
         """Return what is seen for the first time: boxes (K, 7), scores and labels (K,)."""

@@ -68,9 +68,10 @@ class Instances:
         return replace(seen, velocity=self.velocity, semantic=self.semantic, motion=self.motion, hits=seen.hits + 1)
 
     @classmethod
-    def none(cls, width: int, frames: int) -> Instances:
+    def none(cls, width: int, frames: int, device: torch.device | None = None) -> Instances:
         """Return no instances."""
-        return cls.seen(torch.zeros(0, 7), torch.zeros(0), torch.zeros(0, dtype=torch.int64), width, frames)
+        box = torch.zeros(0, 7, device=device)
+        return cls.seen(box, box[:, 0], box[:, 0].long(), width, frames)
 
     @classmethod
     def joined(cls, parts: Sequence[Instances]) -> Instances:

@@ -143,7 +143,7 @@ class QueryNet(nn.Module):
 
     def nothing(self) -> Instances:
         """Return no instances: what an agent knows before its first frame."""
-        return Instances.none(self.config.width, self.config.history)
+        return Instances.none(self.config.width, self.config.history, next(self.parameters()).device)
 
     def seen(self, box: Tensor, score: Tensor, label: Tensor) -> Instances:
         """Return what is seen for the first time, as instances: boxes (K, 7), scores and labels (K,)."""
