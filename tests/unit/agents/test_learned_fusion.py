@@ -43,8 +43,9 @@ def test_a_network_is_told_what_is_left_of_the_errors(alignment: Any, error: tup
     assert policy._error("cav_0", observation, received) == pytest.approx(error)
 
 
-def test_messages_of_all_channels_have_the_most_confident_cells_alone() -> None:
-    policy = coopsim.make_policy("gsaf", weights="gsaf64")
+@pytest.mark.parametrize("name", ["attfuse", "gsaf", "v2x_vit", "where2comm"])
+def test_messages_of_all_channels_have_the_most_confident_cells_alone(name: str) -> None:
+    policy = coopsim.make_policy(name, weights=f"{name}64")
     spec, rng = spec_of("rsu_0", "rsu"), np.random.default_rng(0)
     policy.reset({spec.name: spec}, seed=0)
     uplink = policy.make_uplink(spec, rng)

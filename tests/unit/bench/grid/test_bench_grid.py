@@ -170,7 +170,7 @@ def test_a_file_loses_nothing_and_what_is_given_goes_before_it(tmp_path: Path) -
 
 @pytest.mark.parametrize("name", PRESETS)
 def test_every_preset_can_be_run(name: str) -> None:
-    reads_sweeps = name in ("paper", "safety_networks", "lies_places", "lies_networks")
+    reads_sweeps = name in ("paper", "paper_disturbed", "safety_networks", "lies_places", "lies_networks")
     if reads_sweeps and name != "lies_places":
         pytest.importorskip("torch")
     few = {} if name.startswith("safety") else {"vehicles": 6}
@@ -182,7 +182,8 @@ def test_every_preset_can_be_run(name: str) -> None:
 
 def test_presets_are_what_they_are_called() -> None:
     disturbing = {"bandwidth", "latency", "lies", "lies_networks", "lies_places", "loss", "pose"}
-    assert set(PRESETS) == disturbing | {"leaderboard", "paper", "quick", "safety", "safety_networks", "warm_up"}
+    others = {"leaderboard", "paper", "paper_disturbed", "quick", "safety", "safety_networks", "warm_up"}
+    assert set(PRESETS) == disturbing | others
     latency, pose, quick = (find_grid(name).grid() for name in ("latency", "pose", "quick"))
     assert (min(latency.latencies_ms), max(latency.latencies_ms)) == (0, 500)
     poses = [(each.position_noise_m, each.heading_noise_deg) for each in pose.conditions()]
@@ -198,7 +199,7 @@ def test_the_safety_preset_changes_one_thing_at_a_time_and_uses_no_seed_for_tuni
     assert set(find_grid("safety_networks").grid().scenarios) == set(grid.scenarios)
 
 
-def test_the_papers_preset_has_every_policy_that_has_weights_and_changes_one_thing_at_a_time() -> None:
+def test_the_papers_preset_has_every_policy_that_has_weights_undisturbed() -> None:
     pytest.importorskip("torch")
     grid = find_grid("paper").grid()
     named = {PolicySpec.parse(policy).policy_class() for policy in grid.policies}
@@ -206,18 +207,27 @@ def test_the_papers_preset_has_every_policy_that_has_weights_and_changes_one_thi
     without = {coopsim.POLICIES.get(name) for name in grid.left_out}
     assert named == known - without
     assert len(grid.policies) == len(named) + 4  # late_fusion is there in three ways, where2comm and gsaf in two
+    assert list(grid.conditions()) == [Condition("town")]
+    places = {PlaceSeeds(grid.options.get("place_seed")).of(seed) for seed in grid.seeds}
+    assert len(places) == len(grid.seeds) == 12
+    for trained in (WorldRecipe(), WorldRecipe.for_validation()):
+        assert not places & set(range(trained.first_place, trained.first_place + trained.places))
+
+
+def test_the_main_policies_are_disturbed_one_thing_at_a_time_where_the_others_are_not() -> None:
+    pytest.importorskip("torch")
+    undisturbed, grid = find_grid("paper").grid(), find_grid("paper_disturbed").grid()
+    assert (grid.seeds, grid.frames, grid.options) == (undisturbed.seeds, undisturbed.frames, undisturbed.options)
+    names = {PolicySpec.parse(policy).policy_class() for policy in grid.policies}
+    assert names < {PolicySpec.parse(policy).policy_class() for policy in undisturbed.policies}
     conditions = list(grid.conditions())
-    assert len(conditions) == 1 + 4 * 2 == len(set(conditions))
+    assert len(conditions) == 1 + 4 == len(set(conditions))
     mildest = Condition("town")
     assert mildest in conditions
     for each in conditions:
         pose = (each.position_noise_m, each.heading_noise_deg) != (0, 0)
         changed = (each.latency_s > 0, each.loss > 0, pose, each.bandwidth_bit_s < math.inf)
         assert sum(changed) == (each != mildest)
-    places = {PlaceSeeds(grid.options.get("place_seed")).of(seed) for seed in grid.seeds}
-    assert len(places) == len(grid.seeds) == 12
-    for trained in (WorldRecipe(), WorldRecipe.for_validation()):
-        assert not places & set(range(trained.first_place, trained.first_place + trained.places))
 
 
 def test_all_are_the_others_that_have_weights(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -314,10 +324,10 @@ def test_a_channel_beside_the_grid_leaves_it_what_is_its(channel: Any, message: 
         environment_options(Cell("late_fusion", Condition()), {"channel": channel})
 
 
-@pytest.mark.parametrize("name", ["quick", "latency", "bandwidth", "paper"])
+@pytest.mark.parametrize("name", ["quick", "latency", "bandwidth", "paper", "paper_disturbed"])
 def test_every_receiver_gives_the_best_answer_it_has_to_delayed_messages(name: str) -> None:
     """Otherwise a table under latency compares defaults, not methods; `late_fusion` shows both."""
-    if name == "paper":
+    if name.startswith("paper"):
         pytest.importorskip("torch")
     policies = set(find_grid(name).grid().policies)
     # Networks are told how late messages are.
