@@ -35,6 +35,8 @@ class FakeGpu(TorchFunctionMode):
         if func == torch.Tensor.device.__get__:
             return GPU if is_on_gpu(args[0]) else func(*args)
         name = getattr(func, "__name__", "")
+        if name == "to" and len(args) > 1 and isinstance(args[1], str):
+            args = (args[0], torch.device(args[1]), *args[2:])
         given = [each for each in tree_leaves((args, kwargs)) if isinstance(each, torch.Tensor)]
         wanted = next((each for each in tree_leaves((args, kwargs)) if isinstance(each, torch.device)), None)
         if name == "_parse_to":  # of `Module.to`
@@ -53,9 +55,6 @@ class FakeGpu(TorchFunctionMode):
             copied = func(*args, **kwargs)
             _mark(copied, is_on_gpu(args[0]))
             return copied
-        if name == "to" and len(args) > 1 and isinstance(args[1], str):
-            args = (args[0], torch.device(args[1]), *args[2:])
-            wanted = args[1]
         if name == "to" and len(given) == 2:
             wanted = GPU if is_on_gpu(given[1]) else torch.device("cpu")
         if wanted is None and name not in ("copy_", "__get__", "_has_compatible_shallow_copy_type"):

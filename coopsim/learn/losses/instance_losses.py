@@ -49,9 +49,8 @@ def labelled(known: Instances, truth: TrueObjects) -> LabelledInstances:
     away = torch.cdist(known.box[:, :2].detach(), truth.box[:, :2]).double().cpu().numpy()
     group, others = (GROUP_OF_LABEL[each.label.cpu().numpy()] for each in (known, truth))
     possible = (away <= LABEL_REACH_M) & (group[:, None] == others)
-    rows, objects = hungarian(np.where(possible, -away, -np.inf), -np.inf)
-    device = known.box.device
-    return LabelledInstances(torch.from_numpy(rows).to(device), torch.from_numpy(objects).to(device))
+    pairs = hungarian(np.where(possible, -away, -np.inf), -np.inf)
+    return LabelledInstances(*(torch.from_numpy(each).to(known.box.device) for each in pairs))
 
 
 def instance_losses(

@@ -264,7 +264,7 @@ def fused_view(
     received, mask = torch.cat([each for each, _ in parts]), torch.cat([each for _, each in parts])
     kinds = torch.zeros(len(parts), dtype=torch.long, device=features.device)
     sure, _ = warp(net.confidence(as_batch(features))[None], own.grid, grid, np.zeros((1, 3)))
-    context = FusionContext(features.new_tensor(delays), kinds, received[:, -1], sure[0, 0])
+    context = FusionContext(torch.tensor(delays, device=features.device), kinds, received[:, -1], sure[0, 0])
     return net(inside[0], own_mask[0], received[:, :-1], mask, context), grid
 
 
@@ -279,8 +279,8 @@ def _message(
         earlier = sample.clip.scenes[then - 1].seen[sender]
         before, _ = net.message(as_batch(earlier.features.float()))
         placed, known = warp(before, earlier.grid, seen.grid, _before_SE2_then(sample, then, sender)[None])
-        change = net.flow(values, placed, known, values.new_tensor([dt_s]))
-        values = moved_on(values, change, values.new_tensor([delay_s]))
+        change = net.flow(values, placed, known, torch.tensor([dt_s], device=values.device))
+        values = moved_on(values, change, torch.tensor([delay_s], device=values.device))
     return torch.cat([values, sure[:, None]], dim=1), seen.grid
 
 

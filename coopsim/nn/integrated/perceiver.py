@@ -161,7 +161,7 @@ class IntegratedPerceiver:
             fused: features (64, H, W) of all agents.
             grid: their cells, in the agent's compass frame.
         """
-        tracks, prior, dt_s, frame, next_number = self._backend.put(self._net.nothing()), None, 0.0, 1, 1
+        tracks, prior, dt_s, frame, next_number = self._net.nothing(), None, 0.0, 1, 1
         with self._backend.inference():
             peaks = peaks_of(self._net, self._head, fused[None], grid)
             if before is not None:

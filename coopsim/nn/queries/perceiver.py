@@ -91,7 +91,7 @@ class QueryPerceiver:
 
     def nothing(self) -> Instances:
         """Return no instances."""
-        return self._backend.put(self._net.nothing())
+        return self._net.nothing()
 
     def carried(self, memory: QueryState, time_ns: int, odom_SE3_compass: SE3) -> Instances:
         """Return what an agent knew after a frame, in its compass frame at a later time, moved on by velocities."""
