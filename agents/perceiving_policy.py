@@ -98,7 +98,8 @@ class PerceivingPolicy(TrackingPolicy):
             )
         self._tracking = self.tracking_policy()
         self._received: dict[str, dict[str, Received]] = {}
-        self._decode = WeakMethod(self.decode)  # which is remembered beside what it gave
+        # Both are remembered beside what they gave, so they must stay the same objects.
+        self._decode, self._decode_boxes = WeakMethod(self.decode), WeakMethod(self._claimed)
         super().__post_init__()
         import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
         from coopsim.nn.inference.backend import find_backend
@@ -229,8 +230,7 @@ class PerceivingPolicy(TrackingPolicy):
         received, guard = self._listen(agent, observation), self.guard
         if guard is None:
             return received
-        decode = WeakMethod(self._claimed)
-        heard = [(each.message, self._decoded(each.message, decode)) for each in received]
+        heard = [(each.message, self._decoded(each.message, self._decode_boxes)) for each in received]
 
         def find(senders: Collection[str]) -> Detections:
             among = [each for each in received if each.message.sender in senders]
@@ -260,10 +260,7 @@ class PerceivingPolicy(TrackingPolicy):
         own = Detections.empty()
         if observation.sensed:
             own = self.find(agent, observation, []).transform(base_SE3_compass(observation))
-        boxes = [
-            (message, drop_unreportable(self.found_by(float(message.pose.xyz_yaw[3]), content)))
-            for message, content in readable
-        ]
+        boxes = [(message, self._decoded(message, self._decode_boxes)) for message, _ in readable]
         placed = drop_unreportable(own).transform(state.frame.odom_SE3_base)
         return state.alignment.place(observation, state.frame, placed, boxes)
 

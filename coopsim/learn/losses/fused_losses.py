@@ -85,7 +85,7 @@ def views_losses(
 
 def copy_loss(net: CooperativeNet, features: Tensor, values: Tensor) -> Tensor:
     """Return the share of the energy of features (A, features, h, w) that their message (A, C, h, w) loses."""
-    copied = net.expand(values.contiguous(memory_format=torch.channels_last), values.new_zeros(len(values)))
+    copied = net.expand(values, values.new_zeros(len(values)))
     lost: Tensor = ((copied.float() - features.float()) ** 2).sum()
     return lost / (features.float() ** 2).sum().clamp_min(1e-6)
 

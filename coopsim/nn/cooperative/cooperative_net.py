@@ -162,11 +162,9 @@ class CooperativeNet(nn.Module):
     def _prepare(
         self, own: Tensor, own_mask: Tensor, received: Tensor, mask: Tensor, context: FusionContext
     ) -> tuple[Tensor, Tensor, Tensor, Tensor, FusionContext]:
-        """Return the fusion's arguments: received maps expanded, in the fastest memory layout, the context complete."""
+        """Return the fusion's arguments: received maps expanded where they are valid, the context complete."""
         own = own.permute(1, 2, 0).contiguous().permute(2, 0, 1)
-        others: Tensor = self.expand(
-            received.contiguous(memory_format=torch.channels_last), context.delay_s, context.error_m, context.range_m
-        )
+        others: Tensor = self.expand(received, context.delay_s, context.error_m, context.range_m, mask)
         sure = context.own_confidence
         if sure is None and context.confidence is not None:
             sure = self.confidence(as_batch(own))[0]
@@ -212,7 +210,12 @@ class Expand(nn.Module):
             self.spread[:, :, 1, 1] = 1.0
 
     def forward(
-        self, received: Tensor, delay_s: Tensor, error_m: Tensor | None = None, range_m: Tensor | None = None
+        self,
+        received: Tensor,
+        delay_s: Tensor,
+        error_m: Tensor | None = None,
+        range_m: Tensor | None = None,
+        wanted: Tensor | None = None,
     ) -> Tensor:
         """Expand (S, C, H, W), S >= 1, of delays (S,) to (S, features, H, W) >= 0.
 
@@ -221,33 +224,73 @@ class Expand(nn.Module):
             delay_s: their ages.
             error_m: (S, H, W) standard deviation of each cell's place; None: 0.
             range_m: (S, H, W) distance of each cell from its sender; None: 0.
+            wanted: (S, H, W) bool, the cells of which the result is used; None: all. If they are few, only they are
+                computed, and all others are 0.
         """
-        channels, hidden, features = self.hidden.in_features, self.hidden.out_features, self.mix.out_features
+        sizes = [len(self.spread) * 9, self.hidden.out_features, self.mix.out_features]
         scales_s = self.get_buffer("scales_s")
         late = 1 - torch.exp(-delay_s.to(scales_s).clamp_min(0)[:, None] / scales_s)
-        kernel, bias, gain = self.delayed(late).float()[:, None].split([channels * 9, hidden, features], 2)
-        cells = self._spread(received, kernel)
-        size = cells.shape[:3]
-        within = torch.matmul(cells.flatten(1, 2), self.hidden.weight.T)
-        within = within.add_((self.hidden.bias + bias).to(within.dtype))
+        kernel, bias, gain = self.delayed(late).float()[:, None].split(sizes, 2)
+        kernels = (self.spread.flatten() + kernel).view(-1, *self.spread.shape)
+        away = None
         if self.placed is not None and error_m is not None and range_m is not None:
-            away = torch.stack([error_m / _ERROR_SCALE_M, range_m / _RANGE_SCALE_M], -1).flatten(1, 2)
+            away = torch.stack([error_m / _ERROR_SCALE_M, range_m / _RANGE_SCALE_M], -1)
+        if wanted is None or wanted.sum() > _FEW * wanted.numel():
+            cells = _spread(received, kernels)
+            mixed = self._mix(cells.flatten(1, 2), bias, gain, None if away is None else away.flatten(1, 2))
+            return mixed.view(*cells.shape[:3], -1).permute(0, 3, 1, 2)
+        found = []
+        for number, where in enumerate(wanted):
+            rows, columns = where.nonzero(as_tuple=True)
+            cells = _spread_at(received[number], kernels[number], rows, columns)[None]
+            told = None if away is None else away[number, rows, columns][None]
+            found.append(self._mix(cells, bias[number, None], gain[number, None], told)[0])
+        values = torch.cat(found)
+        expanded = values.new_zeros(*wanted.shape, values.shape[-1])
+        expanded[wanted] = values
+        return expanded.permute(0, 3, 1, 2)
+
+    def _mix(self, cells: Tensor, bias: Tensor, gain: Tensor, away: Tensor | None) -> Tensor:
+        """Return (S, n, features) of n cells (S, n, C) of each sender after the convolution.
+
+        Args:
+            cells: what the convolution gave.
+            bias: (S, 1, hidden), added to the hidden layer.
+            gain: (S, 1, features), of the result, less 1.
+            away: (S, n, 2) error and range of each cell, by their scales; None: not told.
+        """
+        within = torch.matmul(cells, self.hidden.weight.T)
+        within = within.add_((self.hidden.bias + bias).to(within.dtype))
+        if away is not None:
+            assert self.placed is not None
             told = self.placed(1 - torch.exp(-away)).to(within.dtype)
             within = (within + told[..., :-1]).relu() * (1 + told[..., -1:]).relu()
         within = within.relu_()
         expanded = torch.bmm(within, self.mix.weight.T * (1 + gain))
-        expanded = expanded.add_((self.mix.bias * (1 + gain)).to(expanded.dtype)).relu_()
-        return expanded.view(*size, features).permute(0, 3, 1, 2)
+        return expanded.add_((self.mix.bias * (1 + gain)).to(expanded.dtype)).relu_()
 
-    def _spread(self, received: Tensor, kernel: Tensor) -> Tensor:
-        """Return the maps (S, H, W, C) after the first convolution, with a kernel (S, 1, 9 C) added for each sender."""
-        kernels = (self.spread.flatten() + kernel).view(-1, *self.spread.shape)
-        # Slices of a batch, as single maps would not be recognised as channels last, and copied.
-        spread = [
-            functional.conv2d(received[sender : sender + 1], each, padding=1, groups=len(each))
-            for sender, each in enumerate(kernels)
-        ]
-        return torch.cat(spread).permute(0, 2, 3, 1)
+
+_FEW = 0.25
+"""Share of wanted cells up to which gathering them takes less time than computing all."""
+
+
+def _spread(maps: Tensor, kernels: Tensor) -> Tensor:
+    """Convolve maps (S, C, H, W), each channel with its kernel of (S, C, 1, 3, 3); return (S, H, W, C)."""
+    maps = maps.contiguous(memory_format=torch.channels_last)  # the fastest layout
+    # Slices of a batch, as single maps would not be recognised as channels last, and copied.
+    spread = [
+        functional.conv2d(maps[sender : sender + 1], each, padding=1, groups=len(each))
+        for sender, each in enumerate(kernels)
+    ]
+    return torch.cat(spread).permute(0, 2, 3, 1)
+
+
+def _spread_at(image: Tensor, kernel: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
+    """Convolve a map (C, H, W) with a kernel (C, 1, 3, 3) in n cells alone; return (n, C)."""
+    padded = functional.pad(image, (1, 1, 1, 1)).permute(1, 2, 0)
+    step = torch.arange(3, device=rows.device)
+    near = padded[rows[:, None, None] + step[:, None], columns[:, None, None] + step]  # (n, 3, 3, C)
+    return (near * kernel[:, 0].permute(1, 2, 0)).sum((1, 2))
 
 
 LONGEST_S = 0.5

@@ -162,10 +162,12 @@ class Perceiver:
 
     def alone(self, received: ReceivedMap) -> Tensor:
         """Return a sender's features (64, h, w) as its message alone shows them."""
-        values = received.values[None, : self._channels]
+        values, sent = received.values[None, : self._channels], received.sent
         with self._backend.inference():
-            features: Tensor = self._net.expand(values, values.new_zeros(1))[0]
-            return features if received.sent is None else features * received.sent
+            features: Tensor = self._net.expand(
+                values, values.new_zeros(1), wanted=None if sent is None else sent[None]
+            )[0]
+            return features if sent is None else features * sent
 
     def heat(self, values: Tensor) -> Tensor:
         """Return the logits of the heat (9, h, w) that a message's values (C, h, w) alone show, with gradients."""
