@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -159,7 +159,8 @@ def sort_options(
     return [{name: options[name] for name in group if name in options} for group in names]
 
 
-_LOCALIZATION_OPTIONS = ("position_noise_m", "heading_noise_rad", "odometry_noise_m", "odometry_heading_noise_rad")
+_POSE_OPTIONS = ("position_noise_m", "heading_noise_rad")
+_ODOMETRY_OPTIONS = ("odometry_noise_m", "odometry_heading_noise_rad")
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +174,8 @@ class PerceptionOptions:
         heading_noise_rad: standard deviation of the error of headings.
         odometry_noise_m: standard deviation of the error of the motion in a frame, x and y.
         odometry_heading_noise_rad: standard deviation of the error of the turn in a frame.
-        localization: overrides the four options above: a config, its mapping or file, or one by agent.
+        localization: overrides the four options above: a config, its mapping or file, or one by agent. A config for
+            all agents that has no errors of the pose leaves the first two.
         ground_truth: the objects that count: "all", or the "visible" ones.
         region_x_m: objects within this distance ahead of and behind the agent count.
         region_y_m: objects within this distance to its left and right count.
@@ -213,16 +215,15 @@ class PerceptionOptions:
 
     def localization_of(self, agent: str) -> LocalizationConfig:
         """Return an agent's localization: of recordings, the errors that are added to the recorded poses."""
+        noise = PoseNoise(self.position_noise_m, self.heading_noise_rad)
         if isinstance(self.localization, LocalizationConfig):
-            return self.localization
+            return (
+                self.localization if self.localization.pose != PoseNoise() else replace(self.localization, pose=noise)
+            )
         if isinstance(self.localization, Mapping) and agent in self.localization:
             config: LocalizationConfig = self.localization[agent]
             return config
-        return LocalizationConfig(
-            PoseNoise(self.position_noise_m, self.heading_noise_rad),
-            self.odometry_noise_m,
-            self.odometry_heading_noise_rad,
-        )
+        return LocalizationConfig(noise, self.odometry_noise_m, self.odometry_heading_noise_rad)
 
     def check_scored(self) -> None:
         """Check which objects count.
@@ -247,7 +248,9 @@ class PerceptionOptions:
         if self.localization is not None:
             object.__setattr__(self, "localization", localization_config(self.localization))
             if isinstance(self.localization, LocalizationConfig):
-                refuse_overridden(self, _LOCALIZATION_OPTIONS, "localization")
+                refuse_overridden(self, _ODOMETRY_OPTIONS, "localization")
+                if self.localization.pose != PoseNoise():
+                    refuse_overridden(self, _POSE_OPTIONS, "localization")
         self.localization_of("")  # its own checks run now, not at the first episode
         detector = default if self.detector is None else self.detector
         if isinstance(detector, str):

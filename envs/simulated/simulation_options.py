@@ -184,8 +184,9 @@ class SimulationOptions(PerceptionOptions):
         heading_noise_rad: standard deviation of the global heading.
         odometry_noise_m: standard deviation of the motion in a frame, x and y.
         odometry_heading_noise_rad: standard deviation of the turn in a frame.
-        localization: overrides the four options above: a `LocalizationConfig` for all agents, or one by agent (the
-            four options hold for agents without one); or a mapping of either, or the path of a YAML file with that.
+        localization: overrides the four options above: a `LocalizationConfig` for all agents (without errors of the
+            pose it leaves the first two), or one by agent (the four options hold for agents without one); or a mapping
+            of either, or the path of a YAML file with that.
         detector: a `Detector` or `OracleDetector`, or the name of one ("none" never detects anything); None is
             `DEFAULT_DETECTOR`.
         embedder: an `Embedder`, or the name of one, that gives every detection an appearance; None: the detector's own.

@@ -30,6 +30,16 @@ def test_one_for_all_is_what_the_simple_options_say(make_small: Make) -> None:
         np.testing.assert_array_equal(pose, whole[name])
 
 
+def test_one_without_errors_of_the_pose_leaves_the_simple_options(make_small: Make) -> None:
+    """So that a benchmark may vary the errors that agents state."""
+    simple = poses(make_small(lidar=None, position_noise_m=0.3, heading_noise_rad=0.01))
+    env = make_small(lidar=None, position_noise_m=0.3, heading_noise_rad=0.01, localization={"covariance_scale": 1.0})
+    unpack = ObservationFormat.to_unpack(env.agent_specs).unpack
+    for name, packed in env.reset(seed=5)[0].items():
+        np.testing.assert_array_equal(packed["pose"], simple[name])
+        np.testing.assert_allclose(unpack(packed).pose.covariance, np.diag([0.09, 0.09, 0.0001]))
+
+
 def test_one_by_agent_leaves_the_others_alone(make_small: Make) -> None:
     noisy = LocalizationConfig(PoseNoise(position_bias_m=1.0, correlation_s=2.0))
     truth = poses(make_small(lidar=None))
@@ -144,9 +154,14 @@ def test_every_error_at_once_runs_and_is_the_same_again() -> None:
         ({"localization": {"cav_0": {}, "pose": {}}}, UnknownNameError, "unknown agent in localization 'pose'"),
         ({"localization": {"cav_9": LocalizationConfig()}}, UnknownNameError, "unknown agent in localization 'cav_9'"),
         (
-            {"localization": LocalizationConfig(), "position_noise_m": 0.1},
+            {"localization": LocalizationConfig(PoseNoise(jump_m=1, jumps_per_s=1)), "position_noise_m": 0.1},
             InvalidValueError,
             "position_noise_m cannot be combined with localization",
+        ),
+        (
+            {"localization": LocalizationConfig(), "odometry_noise_m": 0.1},
+            InvalidValueError,
+            "odometry_noise_m cannot be combined with localization",
         ),
         ({"channel": ChannelConfig(clocks={"car": AgentClock(5)})}, UnknownNameError, "unknown agent in clocks 'car'"),
     ],

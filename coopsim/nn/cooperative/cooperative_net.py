@@ -254,7 +254,7 @@ class Expand(nn.Module):
         """Return (S, n, features) of n cells (S, n, C) of each sender after the convolution.
 
         Args:
-            cells: what the convolution gave.
+            cells: results of the convolution.
             bias: (S, 1, hidden), added to the hidden layer.
             gain: (S, 1, features), of the result, less 1.
             away: (S, n, 2) error and range of each cell, by their scales; None: not told.
