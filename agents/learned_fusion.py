@@ -60,8 +60,9 @@ class LearnedFusion(PerceivingPolicy):
     compressed to a few channels, are warped to where their senders were, and expanded and fused there. `align`, the
     correction of poses by objects that several agents see, is then that of CoAlign (Lu et al., ICRA 2023).
 
-    Networks with `told_errors`, as those of 64 channels, are told how wrong a sender's place may be. Both agents state
-    it (`localization={"covariance_scale": 1.0}`), or `align` knows what it left; otherwise they take poses to be exact.
+    Networks with `told_errors`, such as those of 64 channels, are told how wrong a sender's place may be: by the
+    covariances that agents state (`localization={"covariance_scale": 1.0}`), or by what `align` leaves. Without either
+    these networks take poses to be exact.
 
     Attributes:
         detector_weights: name or path of the point encoder's weights, the ones that the fusion was trained on.

@@ -217,9 +217,8 @@ class PerceptionOptions:
         """Return an agent's localization: of recordings, the errors that are added to the recorded poses."""
         noise = PoseNoise(self.position_noise_m, self.heading_noise_rad)
         if isinstance(self.localization, LocalizationConfig):
-            return (
-                self.localization if self.localization.pose != PoseNoise() else replace(self.localization, pose=noise)
-            )
+            whole = self.localization
+            return replace(whole, pose=noise) if whole.pose == PoseNoise() else whole
         if isinstance(self.localization, Mapping) and agent in self.localization:
             config: LocalizationConfig = self.localization[agent]
             return config

@@ -19,7 +19,7 @@ def learned(told_errors: bool = False) -> Expand:
     torch.manual_seed(2)
     expand = Expand(4, 8, told_errors)
     with torch.no_grad():
-        for weights in [expand.delayed.weight, expand.spread, *(expand.placed or torch.nn.Module()).parameters()]:
+        for weights in expand.parameters():
             weights += torch.randn(weights.shape) * 0.2
     return expand
 
