@@ -186,8 +186,7 @@ def figure(measured: Sequence[Measured], titles: dict[str, list[str]]) -> str:
         panel.xaxis.set_major_formatter("{x:,.0f}")  # numbers as text: formulas would show their source
         panel.set(xlabel="bytes a second, of each sender", ylabel="APBEV@0.5, vehicles")
         panel.grid(alpha=0.25)
-        beside = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}  # a dozen lines leave no room within
-        panel.legend(fontsize=7, frameon=False, handlelength=3.5, **beside)
+        panel.legend(fontsize=7, frameon=False, handlelength=3.5, loc="center left", bbox_to_anchor=(1.0, 0.5))
 
     return to_svg(draw, 7.0, 4.0)
 
