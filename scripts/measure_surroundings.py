@@ -22,29 +22,34 @@ from coopsim.data.recordings.recorded_folder import RecordedFrame
 from coopsim.data.recordings.recorded_scene import count_points_in
 from coopsim.errors import CoopsimError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.iou import iou_bev
+from coopsim.geometry.iou import center_distance_bev, iou_bev
 from coopsim.geometry.se3 import Floats
 from coopsim.learn.weights import load_detector
-from coopsim.localization.odometry import Points
+from coopsim.localization.odometry import Points, aged
 from coopsim.nn.detector.decode import GROUP_OF_LABEL
+from coopsim.nn.inference.canvas import REACH_M
 from coopsim.nn.inference.detectors import CloudDetector
-from coopsim.types import Detections, Ints
+from coopsim.types import Detections, Ints, PointCloud
+from coopsim.types.taxonomy import ObjectClass
 
-VEHICLES, PEOPLE = 0, 2
+VEHICLES, PEOPLE = (int(GROUP_OF_LABEL[each]) for each in (ObjectClass.CAR, ObjectClass.PEDESTRIAN))
 KINDS = {"vehicles": VEHICLES, "people": PEOPLE}
+FOUND = {VEHICLES: (iou_bev, 0.3), PEOPLE: (center_distance_bev, -0.5)}
+"""By group: affinity of two boxes, and its least value for one to be that of the other."""
+
 SHOWN = ("the whole sweep", "lower than 2.2 m", "the object alone")
-REACH_M, LOW_M, AROUND_M, SCORE, IOU, APART_M = 76.8, 2.2, 1.0, 0.3, 0.3, 0.5
+LOW_M, AROUND_M, SCORE = 2.2, 1.0, 0.3
 
 
 def seen(frame: RecordedFrame, least_returns: int, within_m: float) -> tuple[Points, Boxes3D, Ints]:
     """Return the first agent's points (P, 5), and boxes and groups (N,) of objects that it sees well, in its frame."""
     agent = next(iter(frame.agents.values()))
     sweep = agent.read_sweep()
-    points = np.column_stack([sweep.points, sweep.intensity, np.zeros(len(sweep.points))]).astype(np.float32)
     boxes = frame.objects.boxes.transform(agent.world_SE3_base.inverse())
-    near = np.hypot(*boxes.center[:, :2].T) <= within_m
-    kept = np.flatnonzero(near & (count_points_in(boxes, [sweep.points]) >= least_returns))
-    return points, boxes[kept], GROUP_OF_LABEL[frame.objects.label[kept]]
+    group = GROUP_OF_LABEL[frame.objects.label]
+    kept = np.isin(group, list(FOUND)) & (np.hypot(*boxes.center[:, :2].T) <= within_m)
+    kept &= count_points_in(boxes, [sweep.points]) >= least_returns
+    return aged(PointCloud.of(sweep)), boxes[kept], group[kept]
 
 
 def around(points: Points, box: Floats) -> Points:
@@ -58,21 +63,17 @@ def around(points: Points, box: Floats) -> Points:
 
 def is_found(found: Detections, box: Floats, group: int) -> bool:
     """Return whether one of the boxes of a group is that of an object (7,)."""
+    affinity, least = FOUND[group]
     boxes = found.boxes[GROUP_OF_LABEL[found.label] == group]
-    if not len(boxes):
-        return False
-    if group == PEOPLE:
-        return bool(np.hypot(*(boxes.center[:, :2] - box[:2]).T).min() <= APART_M)
-    return bool(iou_bev(box[None], boxes.array).max() >= IOU)
+    return bool((affinity(box[None], boxes.array) >= least).any())
 
 
 def looks(detector: CloudDetector, points: Points, boxes: Boxes3D, group: Ints) -> Iterator[tuple[int, list[bool]]]:
     """Yield the group of each object, and whether it is found in each of `SHOWN`."""
-    whole, low = detector.detect_around([points, points[points[:, 2] < LOW_M]], REACH_M, SCORE)
-    for box, each in zip(boxes.array, group, strict=True):
-        if each in KINDS.values():
-            (alone,) = detector.detect_around([around(points, box)], REACH_M, SCORE)
-            yield int(each), [is_found(found, box, each) for found in (whole, low, alone)]
+    clouds = [points, points[points[:, 2] < LOW_M], *(around(points, box) for box in boxes.array)]
+    whole, low, *alone = detector.detect_around(clouds, REACH_M, SCORE)
+    for box, each, own in zip(boxes.array, group.tolist(), alone, strict=True):
+        yield each, [is_found(found, box, each) for found in (whole, low, own)]
 
 
 def main() -> None:
