@@ -22,8 +22,8 @@ HARD_M_S2 = 3.0
 """Deceleration above which a brake is hard."""
 
 NEEDLESS_M_S2 = 0.25 * 9.81
-"""Deceleration above which a brake without a reason is a phantom brake: 0.25 g, which US standard FMVSS 127 allows an
-emergency brake to add where nothing is in the way."""
+"""Deceleration above which a brake without a known reason is a phantom brake: 0.25 g, which US standard FMVSS 127
+allows an emergency brake to add where nothing is in the way."""
 
 BRAKE_LIGHT_M_S2 = 1.3
 """Deceleration above which a car brakes: its brake lights must be on (UN Regulation 13-H, 5.2.22)."""
@@ -39,11 +39,12 @@ FOLLOWING_RAD = math.radians(30.0)
 """Angle between headings below which one follows the other, so that no encroachment is left; SSAM's for rear ends."""
 
 REASON_S, REASON_M = 1.0, 0.3
-"""Time between two on the same ground, and distance from the car's body, below which the car has a reason to brake."""
+"""Time between two on the same ground, and distance from the car's body, below which a known object is a reason to
+brake."""
 
 EARLIEST_S = 3.0
-"""Time before a conflict from which any brake has a reason: the longest time to collision at which UN Regulation 131,
-6.4.4, lets emergency braking begin."""
+"""Time before a conflict from which a known object is a reason to brake: the longest time to collision at which UN
+Regulation 131, 6.4.4, lets emergency braking begin."""
 
 UNBRAKED_S = 10.0
 """Time for which the car's motion without its first brake is followed."""
@@ -126,7 +127,7 @@ class DriveEvents:
         pet_s: least post-encroachment time, at most `LONGEST_S`; 0 with a crash.
         moments: times of perception and reaction.
         hard_s: times at which hard brakes began.
-        phantom_s: times at which phantom brakes began.
+        phantom_s: times at which phantom brakes began: the car knew of no object in its way, and of no lower limit.
         way_m: distance driven.
         legal_m: distance at the legal speed in the same time.
         lost_s: time lost by driving below the legal speed.
@@ -181,6 +182,7 @@ class _Course:
         later = np.repeat(drive.boxes[-1:], len(later_s), axis=0)
         later[:, :, :2] += later_s * drive.velocity[-1]
         self.boxes = np.concatenate([drive.boxes, later])
+        self._confirmed: dict[int, int] = {}
 
     def _steps(self, seconds: float) -> int:
         return math.ceil(seconds / self.dt_s - 1e-9)
@@ -239,15 +241,26 @@ class _Course:
         return on[np.diff(times, prepend=-np.inf) > max(ONE_BRAKE_S, 1.5 * self.dt_s)]
 
     def has_reason(self, frame: int) -> bool:
-        """Return whether the car has to brake in a frame: for an object in its way, or for a lower limit ahead."""
+        """Return whether the car has to brake in a frame: for a known object in its way, or for a lower limit ahead."""
         speed, limits = self.drive.speed_m_s[frame], self.drive.ways[frame].speed_limit_m_s
         distance = np.maximum(np.arange(len(limits)), 1.0) * self.drive.ways[frame].spacing_m
         if ((speed**2 - limits**2) / (2 * distance))[1:].max() >= BRAKE_LIGHT_M_S2:
             return True
         car = self.ahead(frame, self._steps(max(EARLIEST_S, speed / NEEDLESS_M_S2)))
         car[:, 2:4] += 2 * REASON_M
-        others = [column for column in range(len(self.drive.ids)) if not self._follows(frame, column)]
+        others = [k for k in range(len(self.drive.ids)) if self._knows(frame, k) and not self._follows(frame, k)]
         return least_delay(car, self._bodies(others, frame), self._steps(REASON_S), 0.0)[0] >= 0
+
+    def _knows(self, frame: int, column: int) -> bool:
+        """Return whether the car has seen an object, or reported a track on it, in a frame or before."""
+        return bool((self.drive.seen_by[: frame + 1, column] == 0).any()) or self.confirmed_from(column) <= frame
+
+    def confirmed_from(self, column: int) -> int:
+        """Return the first frame with a track on an object; the number of frames if there is none."""
+        if column not in self._confirmed:
+            frames = range(len(self.drive))
+            self._confirmed[column] = next((k for k in frames if has_track(self.drive, k, column)), len(self.drive))
+        return self._confirmed[column]
 
     def _follows(self, frame: int, column: int) -> bool:
         """Return whether an object comes over the ground on which the car now is, and in the car's direction only."""
@@ -266,7 +279,7 @@ class _Course:
         if conflict is None:
             return Moments()
         conflict_s, column = conflict
-        first = next((frame for frame in range(len(drive)) if has_track(drive, frame, column)), len(drive))
+        first = self.confirmed_from(column)
         seen = np.flatnonzero(drive.seen_by[:, column] == 0)
         confirmed, braked = np.arange(first, len(drive)), brakes[brakes >= first]
         return Moments(

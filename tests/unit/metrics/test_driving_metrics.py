@@ -1,6 +1,7 @@
 """Metrics of driving have the values that paper and pencil give for hand-made drives."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -133,8 +134,8 @@ def test_a_brake_between_the_limits_is_a_phantom_brake_but_not_hard() -> None:
         (Thing(CAR, straight(30.0, 3.5, -10.0, 0.0), yaw=math.pi), False),  # comes in its own lane
     ],
 )
-def test_a_brake_has_a_reason_where_the_car_would_have_met_something(thing: Thing, reason: bool) -> None:
-    # The report is empty: what counts is the truth.
+def test_a_brake_has_a_reason_where_the_car_would_have_met_something_it_sees(thing: Thing, reason: bool) -> None:
+    # The report is empty: the car's own sensors see the object.
     assert scored(drive(BRAKE, [thing], tracks=lambda t: Tracks.empty()))["phantom_brakes"] == (not reason)
 
 
@@ -143,6 +144,51 @@ def test_one_of_several_objects_is_reason_enough() -> None:
     crossing = Thing(PEDESTRIAN, straight(30.0, -4.5, 0.0, 1.5), yaw=math.pi / 2)
     assert scored(drive(BRAKE, far))["phantom_brakes"] == 1
     assert scored(drive(BRAKE, [*far, crossing]))["phantom_brakes"] == 0
+
+
+NEVER_S = 99.0
+CROSSES, STAYS = straight(30.0, -4.5, 0.0, 1.5), straight(30.0, -15.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("at", "seen_s", "tracked_s", "phantoms"),
+    [
+        pytest.param(CROSSES, 0.2, NEVER_S, 0, id="in its way and seen"),
+        pytest.param(CROSSES, NEVER_S, 0.2, 0, id="in its way and confirmed"),
+        pytest.param(CROSSES, 0.8, 0.8, 1, id="in its way and not yet known"),
+        pytest.param(STAYS, 0.0, 0.0, 1, id="known and not in its way"),
+        pytest.param(STAYS, NEVER_S, NEVER_S, 1, id="neither known nor in its way"),
+    ],
+)
+def test_only_a_known_object_in_its_way_is_a_reason(
+    at: Callable[[float], tuple[float, float]], seen_s: float, tracked_s: float, phantoms: int
+) -> None:
+    # The brake begins in the step after 0.5 s.
+    person = Thing(PEDESTRIAN, at, math.pi / 2, seen_s=seen_s, tracked_s=tracked_s)
+    assert scored(drive(BRAKE, [person]))["phantom_brakes"] == phantoms
+
+
+def test_an_object_once_known_stays_a_reason() -> None:
+    # A track was on it in the first two frames only.
+    person = Thing(PEDESTRIAN, CROSSES, math.pi / 2, seen_s=NEVER_S)
+
+    def tracks(t: float) -> Tracks:
+        row = [[30.0 - 10 * t, -4.5 + 1.5 * t, 0.9, 0.5, 0.5, 1.8, math.pi / 2]]
+        found = Tracks(np.array([5]), Boxes3D.from_array(row), np.zeros((1, 2)), np.ones(1), np.array([PEDESTRIAN]))
+        return found if t < 0.15 else Tracks.empty()
+
+    assert scored(drive(BRAKE, [person], tracks=tracks))["phantom_brakes"] == 0
+
+
+def test_a_track_of_nothing_is_no_reason_though_someone_unknown_comes() -> None:
+    # A false track stands in the lane; the person who comes into the way is 9 m from it, and hidden.
+    person = Thing(PEDESTRIAN, CROSSES, math.pi / 2, seen_s=NEVER_S, tracked_s=NEVER_S)
+
+    def tracks(t: float) -> Tracks:
+        row = [[21.0 - 10 * t, 0.0, 0.9, 0.5, 0.5, 1.8, 0.0]]
+        return Tracks(np.array([5]), Boxes3D.from_array(row), np.zeros((1, 2)), np.ones(1), np.array([PEDESTRIAN]))
+
+    assert scored(drive(BRAKE, [person], tracks=tracks))["phantom_brakes"] == 1
 
 
 def test_a_brake_for_a_bend_is_no_phantom_brake() -> None:
