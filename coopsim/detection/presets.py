@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,11 @@ def preset(name: str) -> CorrelatedDetectorConfig:
     known = [path.stem for path in FITTED.glob("*.yaml")]
     if name not in known:
         raise UnknownNameError("fitted detector", name, known)
+    return _fitted(name)
+
+
+@cache
+def _fitted(name: str) -> CorrelatedDetectorConfig:
     return read_config(FITTED / f"{name}.yaml")
 
 

@@ -129,6 +129,10 @@ def _bytes(value: object) -> Iterator[bytes]:
         for key, each in value.items():
             yield str(key).encode()
             yield from _bytes(each)
+    elif isinstance(value, list | tuple):
+        yield str(len(value)).encode()
+        for each in value:
+            yield from _bytes(each)
     elif isinstance(value, np.ndarray):
         yield str(value.shape).encode() + value.tobytes()
     else:
