@@ -82,7 +82,10 @@ DRIVING: Mapping[str, Metric] = {
     "lead_time_braked": _seconds(_lead("braked"), "from the car's first brake to the conflict"),
     "hard_brakes": _DriveMetric(lambda events: len(events.hard_s), "brakes below -3 m/s²", "", ".2f"),
     "phantom_brakes": _DriveMetric(
-        lambda events: len(events.phantom_s), "brakes below -0.25 g for which the truth has no reason", "", ".2f"
+        lambda events: len(events.phantom_s),
+        "brakes below -0.25 g without an object in its way that the car knows",
+        "",
+        ".2f",
     ),
     "progress": _DriveMetric(_progress, "distance driven, of that at the legal speed", less_is_better=False),
     "time_lost": _seconds(lambda events: events.lost_s, "time lost by driving below the legal speed", less=True),

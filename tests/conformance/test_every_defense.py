@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from representatives import all_of
 
 import coopsim
 from coopsim import Defense, Reception, Trust
@@ -118,7 +119,7 @@ POLICIES = [
 ]
 
 
-@pytest.mark.parametrize("name", POLICIES)
+@pytest.mark.parametrize("name", all_of(POLICIES, "coop_fuse", "dino_codt_tracking", "late_fusion", "track_to_track"))
 def test_policies_of_boxes_believe_whom_their_defense_believes(name: str) -> None:
     """A defence that believes all changes no bit; with one that believes nobody, senders might as well be silent."""
     plain = coopsim.evaluate(name, "crossing", **QUICK).score

@@ -14,6 +14,7 @@ import pytest
 
 pytest.importorskip("torch")
 
+from representatives import all_of
 from street_scene import CARS, FRAME_NS, observe, spec_of, sweep_from
 from tiny_networks import FUSIONS, QUERIES, learned, tiny_detector
 
@@ -30,10 +31,12 @@ from coopsim.testing import check_policy, check_uplink
 from coopsim.types import BevGrid, Detections, FeatureMap, Message, Observation, Odometry, PoseEstimate, Sweep, Tracks
 
 NAMES = sorted({*coopsim.POLICIES.names()} - {*policies_on_boxes(), "truth", "yoloo"})
-EVERY = pytest.mark.parametrize("name", NAMES)
+FAMILIES = ("attfuse", "cooptrack", "dino_codt", "early", "ff_tracking", "vic_integrated", "where2comm")
+"""One policy of each kind of message and of tracking. The other maps differ by their fusion alone."""
+EVERY = pytest.mark.parametrize("name", all_of(NAMES, *FAMILIES))
 IN_BOTH = pytest.mark.parametrize("arithmetic", ["float32", "bfloat16"], indirect=True)
-EVERY_FUSION = pytest.mark.parametrize("name", FUSIONS)
-EVERY_QUERY = pytest.mark.parametrize("name", QUERIES)
+EVERY_FUSION = pytest.mark.parametrize("name", all_of(FUSIONS, "attfuse", "ff_tracking", "where2comm"))
+EVERY_QUERY = pytest.mark.parametrize("name", all_of(QUERIES, "cooptrack"))
 ELSEWHERE, HIDDEN = (30.0, 2.0, 0.0, 1.0), (20.0, -18.0)
 SMALL: dict[str, Any] = {"vehicles": 8, "lidar": "VLP-16", "lidar_columns": 256, "max_cycles": 4, "detector": "none"}
 
