@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ import numpy as np
 
 from coopsim.catalog import PolicySpec, parallel_env, usual_seed
 from coopsim.comms.channel.channel import ChannelCounts
+from coopsim.envs.episode import Episode, Recorder, run_episode
 from coopsim.errors import InvalidValueError, PolicyMismatchError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
@@ -19,9 +21,7 @@ from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.score import Score, summarize
 from coopsim.metrics.track_log import TrackLog
 from coopsim.support.checks import require_choice
-from coopsim.support.rng import derived_seed
 from coopsim.types import NS_PER_S, GroundTruth, Tracks
-from coopsim.wire.actions import act_of
 
 if TYPE_CHECKING:
     from coopsim.agents.policy import Policy
@@ -98,6 +98,7 @@ def evaluate(
     *,
     seed: int | None = None,
     on_frame: OnFrame | None = None,
+    recorders: Sequence[Recorder] = (),
     **options: Any,
 ) -> Evaluation:
     """Run a policy through one episode of an environment that broadcasts what the policy needs.
@@ -109,21 +110,25 @@ def evaluate(
         environment: name of the environment.
         seed: decides everything in the episode; None: 0, or the scenario file's.
         on_frame: called after every step.
+        recorders: keep what they want of the episode.
         **options: options of the environment, but not `uplink`, which the policy decides.
 
     Raises:
         CoopsimError: a name is unknown or a value is not accepted; the message says what is accepted.
     """
     policy = _instance(policy)
-    env = listening_env(environment, policy, options)
-    try:
-        return rollout(env, policy, usual_seed(environment) if seed is None else seed, on_frame=on_frame)
-    finally:
-        env.close()
+    seed = usual_seed(environment) if seed is None else seed
+    with closing(listening_env(environment, policy, options)) as env:
+        return rollout(env, policy, seed, on_frame=on_frame, recorders=recorders)
 
 
 def rollout(
-    env: CooperativeEnv, policy: Policy | str, seed: int | None = None, *, on_frame: OnFrame | None = None
+    env: CooperativeEnv,
+    policy: Policy | str,
+    seed: int | None = None,
+    *,
+    on_frame: OnFrame | None = None,
+    recorders: Sequence[Recorder] = (),
 ) -> Evaluation:
     """Run a policy through one episode of an environment, which stays open.
 
@@ -134,13 +139,14 @@ def rollout(
         policy: a policy, or a text for `PolicySpec`: its name with parameters, or the place of its class.
         seed: decides everything in the episode; None: the environment's option `seed`, or 0.
         on_frame: called after every step.
+        recorders: keep what they want of the episode.
 
     Raises:
         PolicyMismatchError: the environment does not provide what the policy needs.
     """
     policy = _instance(policy)
     seed = (env.default_seed or 0) if seed is None else seed
-    rewards, seconds = run_episode(env, policy, seed=seed, on_frame=on_frame)
+    rewards, seconds = _play(env, policy, recorders, on_frame, seed)
     # A policy with its own `act` may not count.
     rejected, counts = getattr(policy, "rejected", {}), getattr(policy, "counts", {})
     messages = replace(env.channel_counts, rejected=sum(rejected.values()))
@@ -185,7 +191,7 @@ def evaluate_recordings(
     try:
         for sequence in env.sequences if sequences is None else sequences:
             require_choice("sequence", sequence, env.sequences)
-            rewards, spent = run_episode(env, policy, seed=seed, on_frame=on_frame, sequence=sequence)
+            rewards, spent = _play(env, policy, (), on_frame, seed, sequence=sequence)
             episode_s = env.time_ns / NS_PER_S + dt_s
             seconds, frames = seconds + spent, frames + len(rewards)
             for agent, log in env.logs.items():  # of the sequence's own agents
@@ -209,32 +215,32 @@ def replay_keywords(path: str | Path, detections: Sequence[str] | None, options:
     return {"path": path, **({} if detections is None else {"detections": detections}), **options}
 
 
-def run_episode(
+class _Progress(Recorder):
+    """Mean rewards of each frame, and a caller's function after every step."""
+
+    def __init__(self, on_frame: OnFrame | None) -> None:
+        self.rewards: list[float] = []
+        self._on_frame = on_frame
+
+    def on_step(self, episode: Episode) -> None:
+        self.rewards.append(float(np.mean(list(episode.rewards.values()))))
+        if self._on_frame is not None:
+            self._on_frame(episode.env)
+
+
+def _play(
     env: CooperativeEnv,
     policy: Policy,
-    *,
+    recorders: Sequence[Recorder],
+    on_frame: OnFrame | None,
     seed: int,
-    on_frame: OnFrame | None = None,
-    **reset_options: Any,
+    **options: Any,
 ) -> tuple[Floats, float]:
-    """Step until the episode ends. Return the mean reward per frame (F,), and seconds of wall time."""
+    """Run an episode. Return the mean reward per frame (F,), and seconds of wall time."""
     _warm_up()
-    rewards: list[float] = []
-    observations, infos = env.reset(seed=seed, options=reset_options)
-    policy.reset(env.agent_specs, seed=derived_seed(seed, "policy"))
-    seconds = 0.0
-    while env.agents:
-        started = time.perf_counter()
-        actions = act_of(policy, observations, infos)
-        if hasattr(policy, "judgements"):  # a policy with its own `act` may have none
-            for agent, (trust, passes) in policy.judgements(env.agents).items():
-                env.note_trust(agent, trust, passes)
-        observations, reward, _, _, infos = env.step(actions)
-        seconds += time.perf_counter() - started
-        rewards.append(float(np.mean(list(reward.values()))))
-        if on_frame is not None:
-            on_frame(env)
-    return np.array(rewards), seconds
+    progress = _Progress(on_frame)
+    episode = run_episode(env, policy, (*recorders, progress), seed=seed, options=options)
+    return np.array(progress.rewards), episode.policy_s + episode.environment_s
 
 
 def _warm_up() -> None:

@@ -34,6 +34,7 @@ from coopsim.data.export.nuscenes_records import (
     scene_name,
 )
 from coopsim.data.export.record_parts import as_line
+from coopsim.envs.episode import Episode, Recorder, run_episode
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
@@ -41,9 +42,8 @@ from coopsim.metrics.clear import NearSweep, sweep_near
 from coopsim.metrics.matching import NEAR_M, find_candidate_pairs
 from coopsim.metrics.track_log import FlatLog, TrackLog
 from coopsim.support.files import locked, make_folder
-from coopsim.support.rng import derived_seed
 from coopsim.types import GroundTruth, Ints, ObjectClass, Tracks
-from coopsim.wire.actions import act_of, unpack_actions
+from coopsim.wire.actions import unpack_actions
 
 if TYPE_CHECKING:
     from coopsim.envs.parallel import CooperativeEnv
@@ -90,25 +90,39 @@ def write_results(
             raise InvalidValueError("control must be 'traffic': cars that a policy drives go elsewhere than exported")
         every = writer.key_every(next(iter(env.agent_specs.values())).dt_s)
         for seed in plan.seeds:
-            observations, infos = env.reset(seed=seed)
-            runner.reset(env.agent_specs, seed=derived_seed(seed, "policy"))
-            for index in range(plan.frames):
-                actions = act_of(runner, observations, infos)
-                if index % every == 0:
-                    # Not `env.agents`: in the last frame of an episode nobody is left to act.
-                    tracks, _, _ = unpack_actions(list(observations), actions, {})
-                    for agent in filter(writer.exports, observations):
-                        sample = sample_token(scene_name(plan.episode_name(seed), agent), index)
-                        x_to_yaw = infos[agent]["true_pose"]
-                        world_SE3_base = SE3.from_xyz_yaw(x_to_yaw[:3], float(x_to_yaw[3]))
-                        reported = tracks[agent].transform(world_SE3_base)
-                        tracking.add(sample, _tracked(sample, reported))
-                        detection.add(sample, _as_detections(sample, reported))
-                if progress is not None:
-                    progress(1)
-                if index + 1 < plan.frames:
-                    observations, _, _, _, infos = env.step(actions)
+            kept = _ResultRecorder(writer, plan.episode_name(seed), every, tracking, detection, progress)
+            run_episode(env, runner, (kept,), seed=seed, most_steps=plan.frames - 1, last_report=True)
     return Path(folder)
+
+
+class _ResultRecorder(Recorder):
+    """Writes what is reported in key frames, as tracks and as detections."""
+
+    def __init__(
+        self,
+        writer: NuscenesFormat,
+        name: str,
+        every: int,
+        tracking: _ResultFile,
+        detection: _ResultFile,
+        progress: Callable[[int], object] | None,
+    ) -> None:
+        self._writer, self._name, self._every = writer, name, every
+        self._tracking, self._detection, self._progress = tracking, detection, progress
+
+    def on_report(self, episode: Episode) -> None:
+        if episode.steps % self._every == 0:
+            # Not `env.agents`: in the last frame of an episode nobody is left to act.
+            tracks, _, _ = unpack_actions(list(episode.observations), dict(episode.actions), {})
+            for agent in filter(self._writer.exports, episode.observations):
+                sample = sample_token(scene_name(self._name, agent), episode.steps)
+                x_to_yaw = episode.infos[agent]["true_pose"]
+                world_SE3_base = SE3.from_xyz_yaw(x_to_yaw[:3], float(x_to_yaw[3]))
+                reported = tracks[agent].transform(world_SE3_base)
+                self._tracking.add(sample, _tracked(sample, reported))
+                self._detection.add(sample, _as_detections(sample, reported))
+        if self._progress is not None:
+            self._progress(1)
 
 
 def read_plan(export: Path) -> tuple[ExportPlan, NuscenesFormat]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import replace
 from typing import Any
 
 from coopsim.attacks.attack import KNOWLEDGE, Attack, contents_of, hooks_of, make_attack
 from coopsim.catalog import make_policy, parallel_env
+from coopsim.envs.episode import Episode, Recorder, run_episode
 from coopsim.errors import CoopsimError
 from coopsim.testing.harness import SMALL, digest, name_of
 from coopsim.types import NS_PER_S, Message, Observation
@@ -108,13 +110,20 @@ def _play(attacks: Any, content: str) -> list[_Frame]:
     uplink: Any = content if content == "points" else policy
     rays = {"lidar": None} if content in _OF_BOXES else {}
     options = {**SMALL, **rays, "max_cycles": _FRAMES, "uplink": uplink, "attacks": attacks}
-    env = parallel_env("crossing", **options)
-    form = ObservationFormat.to_unpack(env.agent_specs)
-    observations, _ = env.reset(seed=_SEED)
-    policy.reset(env.agent_specs, seed=_SEED)
-    frames: list[_Frame] = [(form.unpack_all(observations), env.lies)]
-    while env.agents:
-        observations, *_ = env.step(policy.act(observations))
-        frames.append((form.unpack_all(observations), env.lies))
-    env.close()
-    return frames
+    seen = _Seen()
+    with closing(parallel_env("crossing", **options)) as env:
+        run_episode(env, policy, (seen,), seed=_SEED)
+    return seen.frames
+
+
+class _Seen(Recorder):
+    """What agents observe, and the lies, in each frame."""
+
+    def __init__(self) -> None:
+        self.frames: list[_Frame] = []
+
+    def begin(self, episode: Episode) -> None:
+        form = ObservationFormat.to_unpack(episode.env.agent_specs)
+        self.frames.append((form.unpack_all(episode.observations), episode.env.lies))
+
+    on_step = begin

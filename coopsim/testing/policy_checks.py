@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from copy import deepcopy
 from typing import TYPE_CHECKING, Any
 
@@ -14,12 +15,13 @@ from coopsim.catalog import PolicySpec
 from coopsim.comms.channel.channel_config import ChannelConfig
 from coopsim.comms.channel.latency import GaussianLatency
 from coopsim.comms.channel.loss import BernoulliLoss
+from coopsim.envs.episode import Episode as RunningEpisode
+from coopsim.envs.episode import Recorder, run_episode
 from coopsim.errors import CoopsimError
 from coopsim.geometry.se3 import wrap_angle
-from coopsim.support.rng import derived_seed
 from coopsim.testing.harness import SMALL, Episode, digest, name_of, require_same, untouched
 from coopsim.types import Tracks
-from coopsim.wire.actions import act_of, unpack_action
+from coopsim.wire.actions import unpack_action
 
 if TYPE_CHECKING:
     from coopsim.agents.policy import Policy
@@ -113,29 +115,43 @@ def _play(
     backwards: bool = False,
 ) -> Episode:
     """Run one episode, and check every report."""
-    env = listening_env(environment, policy, options)
-    episode: list[dict[str, Tracks]] = []
-    try:
-        observations, infos = env.reset(seed=5)
-        policy.reset(env.agent_specs, seed=derived_seed(5, "policy"))
-        while env.agents:
-            given = {agent: _spoiled(each) for agent, each in observations.items()} if spoil else observations
-            asked = dict(reversed(list(given.items()))) if backwards else given
-            with untouched(asked, f"{name} must leave its observations as they are"):
-                actions = _act(policy, name, asked, infos)
-            assert actions.keys() == asked.keys(), f"{name} must act for {sorted(asked)}, got {sorted(actions)}"
-            episode.append(_reports(name, actions, {agent: env.agent_specs[agent].command for agent in asked}))
-            observations, _, _, _, infos = env.step(actions)
-    finally:
-        env.close()
-    return episode
+    watched: Any = _Watched(policy, name, spoil, backwards)
+    reports = _Reports(name)
+    with closing(listening_env(environment, policy, options)) as env:
+        run_episode(env, watched, (reports,), seed=5)
+    return reports.frames
 
 
-def _act(policy: Policy, name: str, observations: Mapping[str, Any], infos: Mapping[str, Any]) -> dict[str, Any]:
-    try:
-        return act_of(policy, observations, infos)
-    except Exception as error:
-        raise AssertionError(f"{name} must report tracks, got {type(error).__name__}: {error}") from error
+class _Reports(Recorder):
+    """The reports of an episode, each checked."""
+
+    def __init__(self, name: str) -> None:
+        self.frames: list[dict[str, Tracks]] = []
+        self._name = name
+
+    def on_report(self, episode: RunningEpisode) -> None:
+        commands = {agent: episode.env.agent_specs[agent].command for agent in episode.observations}
+        self.frames.append(_reports(self._name, dict(episode.actions), commands))
+
+
+class _Watched:
+    """A policy whose every call is checked; with unreadable messages or in reverse order, if asked for."""
+
+    def __init__(self, policy: Policy, name: str, spoil: bool, backwards: bool) -> None:
+        self._policy, self._name, self._spoil, self._backwards = policy, name, spoil, backwards
+        self.needs, self.reset = policy.needs, policy.reset
+
+    def act(self, observations: Mapping[str, Any], *infos: Mapping[str, Any]) -> dict[str, Any]:
+        name = self._name
+        given = {agent: _spoiled(each) for agent, each in observations.items()} if self._spoil else observations
+        asked = dict(reversed(list(given.items()))) if self._backwards else given
+        with untouched(asked, f"{name} must leave its observations as they are"):
+            try:
+                actions = self._policy.act(asked, *infos)
+            except Exception as error:
+                raise AssertionError(f"{name} must report tracks, got {type(error).__name__}: {error}") from error
+        assert actions.keys() == asked.keys(), f"{name} must act for {sorted(asked)}, got {sorted(actions)}"
+        return actions
 
 
 def _reports(name: str, actions: Mapping[str, Any], commands: Mapping[str, str | None]) -> dict[str, Tracks]:

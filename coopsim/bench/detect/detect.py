@@ -21,6 +21,7 @@ from coopsim.bench.detect.perceived import Perceived, PerceivedFiles
 from coopsim.bench.detect.protocols import PROTOCOLS, VEHICLES, Protocol, among
 from coopsim.bench.detect.ranking import Overlaps, Ranking, area_interval
 from coopsim.bench.engine.engine import Engine
+from coopsim.bench.results.result_table import named
 from coopsim.errors import StoreError
 from coopsim.metrics.score import UNKNOWN
 
@@ -85,6 +86,7 @@ def row_of(
         "receivers": plan.receivers,
         "boxes": plan.boxes,
         "within_m": plan.within_m,
+        "bound": policy in plan.bounds,
         "arithmetic": plan.arithmetic(policy),
         "frames": sum(each.frames for each in episodes),
         "receiver_frames": sum(each.receiver_frames for each in episodes),
@@ -175,9 +177,9 @@ def markdown_table(rows: Sequence[Mapping[str, Any]]) -> str:
     if not rows:
         return "no results"
     beside = _BESIDE.get(str(rows[0]["protocol"]), "")
-    about = ("within_m", *_ABOUT)
+    about = ("within_m", "bound", *_ABOUT)
     seconds = [
-        {**{name: row[name] for name in about}, "protocol": beside, **row[beside]} for row in rows if beside in row
+        {**{name: row.get(name) for name in about}, "protocol": beside, **row[beside]} for row in rows if beside in row
     ]
     return "\n\n".join(_table(each) for each in (rows, seconds) if each)
 
@@ -207,6 +209,8 @@ def _cell(name: str, value: Any) -> str:
 
 
 def _with_interval(row: Mapping[str, Any], name: str) -> str:
+    if name == "policy":
+        return named(row[name], bound=row.get("bound", False))
     low_high = row.get("intervals", {}).get(name)
     return _cell(name, row.get(name)) + ("" if low_high is None else f" ({low_high[0]:.2f}-{low_high[1]:.2f})")
 

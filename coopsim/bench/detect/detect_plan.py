@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import reprlib
 from collections.abc import Iterator, Mapping
+from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from importlib.util import find_spec
@@ -225,6 +226,11 @@ class DetectPlan:
         detector: str | None = detector_on(self.device, usual_detector() if self.detector is None else self.detector)
         return detector
 
+    @cached_property
+    def bounds(self) -> frozenset[str]:
+        """The policies that are told the truth: upper bounds."""
+        return frozenset(text for text, spec in self.specs.items() if spec.make().needs.truth)
+
     def arithmetic(self, policy: str) -> str | None:
         """Return the arithmetic of a row's networks, see `coopsim.support.precision`; None: there are none."""
         spec = self.specs[policy]
@@ -243,14 +249,8 @@ class DetectPlan:
         met += [(policies[0], environment, last) for environment in self.environments]
         for text, environment, disturbance in met:
             options, _ = self._episode(text, environment, disturbance)
-            policy = self.specs[text].make()
-            if policy.needs.truth:
-                raise InvalidValueError(f"policies must detect, got {text!r}, which is told the truth")
-            env = listening_env(environment, policy, options)
-            try:
+            with closing(listening_env(environment, self.specs[text].make(), options)) as env:
                 receiving(env, self.selection)
-            finally:
-                env.close()
 
     def jobs_of(self, policy: str, environment: str, disturbance: Disturbance) -> list[DetectJob]:
         """Return the episodes of a row, one for each seed."""

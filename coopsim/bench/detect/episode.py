@@ -1,30 +1,29 @@
-"""Episode of a policy, run at a pace and timed by parts, with everything that its receivers perceived."""
+"""Detections and truth of one episode: what the receivers of a policy perceived in the measured frames."""
 
 from __future__ import annotations
 
 import math
-import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from coopsim.bench.detect.part_clock import PartClock
 from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.evaluate import listening_env
 from coopsim.catalog import is_recordings_folder
+from coopsim.envs.episode import Episode, Recorder, run_episode
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D, covers
 from coopsim.support.checks import require_choice
-from coopsim.support.rng import derived_seed
 from coopsim.types import NS_PER_S, Detections, GroundTruth, seconds_to_ns
 from coopsim.types.valid_detections import drop_invalid
 
 if TYPE_CHECKING:
     from coopsim.agents.policy import Policy
-    from coopsim.comms.uplinks.uplink import Uplink
     from coopsim.envs.parallel import CooperativeEnv
 
 
@@ -76,78 +75,6 @@ def pace_of(frames: int, every_s: float, delay_s: float, fixed_s: float | None =
     return step_s, Pace(frames, max(1, math.ceil(every_s / step_s - 1e-6)), 1 + 2 * ticks)
 
 
-class PartClock:
-    """Wall time by part. Time within a part is taken from the part around it.
-
-    The making of messages, `uplink`, runs within the environment's step and is counted by itself: a network's encoder
-    is there. The parts of a policy's mapping `timings` (seconds by part since its making) are counted as well. From its
-    making on, the clock times the uplinks of `policy`; `running` says whether time is counted now.
-    """
-
-    def __init__(self, policy: Policy) -> None:
-        self.running = False
-        self._seconds: defaultdict[str, float] = defaultdict(float)
-        self._inner_s = 0.0
-        self._frames = 0
-        self._policy, self._before = policy, dict[str, float]()
-        make = policy.make_uplink if hasattr(policy, "make_uplink") else None
-        if make is not None:
-            with suppress(AttributeError):  # an object without room for attributes is not clocked by part
-                policy.make_uplink = self._clocked(make)  # type: ignore[method-assign]
-
-    @contextmanager
-    def part(self, name: str) -> Iterator[None]:
-        """Count the time of a block."""
-        outer_s, self._inner_s = self._inner_s, 0.0
-        started = time.perf_counter()
-        try:
-            yield
-        finally:
-            spent_s = time.perf_counter() - started
-            if self.running:
-                self._seconds[name] += spent_s - self._inner_s
-            self._inner_s = outer_s + spent_s
-
-    def tick(self) -> None:
-        """End a frame."""
-        own = dict(getattr(self._policy, "timings", None) or {})
-        if self.running:
-            self._frames += 1
-            for name, seconds in own.items():
-                self._seconds[name] += seconds - self._before.get(name, 0.0)
-        self._before = own
-
-    @property
-    def ms(self) -> dict[str, float]:
-        """Mean milliseconds a frame, by part."""
-        return {name: 1000 * seconds / max(self._frames, 1) for name, seconds in self._seconds.items()}
-
-    def _clocked(self, make: Callable[..., Uplink]) -> Callable[..., Uplink]:
-        clocked: set[int] = set()
-
-        def make_clocked(*arguments: Any) -> Uplink:
-            uplink = make(*arguments)
-            if id(uplink) not in clocked:
-                clocked.add(id(uplink))
-                for name in ("messages", "contents"):  # with a budget the environment asks for contents
-                    self._wrap(uplink, name)
-            return uplink
-
-        return make_clocked
-
-    def _wrap(self, uplink: Uplink, name: str) -> None:
-        method = getattr(uplink, name, None)
-        if method is None:
-            return
-
-        def timed(observations: Any) -> Any:
-            with self.part("uplink"):
-                return method(observations)
-
-        with suppress(AttributeError):
-            setattr(uplink, name, timed)
-
-
 Receivers = Literal["cars", "all"]
 Boxes = Literal["detections", "tracks"]
 RECEIVERS, BOXES = ("cars", "all"), ("detections", "tracks")
@@ -196,41 +123,56 @@ def perceive_episode(
         CoopsimError: a name is unknown or a value is not accepted; the message says what is accepted.
     """
     selection = selection or Selection()
-    clock = PartClock(policy)
+    clock = PartClock(policy, max(pace.warm_up, 1))
     made = {**options, "max_cycles": pace.cycles, "expose_ground_truth": True}
-    env = listening_env(environment, policy, made)
-    try:
+    with closing(listening_env(environment, policy, made)) as env:
         pace = pace_in(environment, env, pace)
-        names = receiving(env, selection)
-        observations, infos = env.reset(seed=seed)
-        policy.reset(env.agent_specs, seed=derived_seed(seed, "policy"))
-        found: list[Detections] = []
-        truth: list[GroundTruth] = []
-        measured = 0
-        for frame in range(pace.cycles):
-            clock.running = frame >= max(pace.warm_up, 1)
-            with clock.part("policy"):
-                actions = policy.act(observations)
-            if pace.measures(frame):
-                measured += 1
-                there = [name for name in names if name in observations]  # a recording need not have all
-                for name in (each for each in there if observations[each].get("sensed", 1)):
-                    seen = _detections(policy, name, actions[name], selection.boxes)
-                    found.append(_without_itself(seen) if env.agent_specs[name].is_object else seen)
-                    truth.append(_truth(infos[name]["ground_truth"]))
-            with clock.part("environment"):
-                observations, _, _, _, infos = env.step(actions)
-            clock.tick()
-            if not env.agents:
-                break
-        if not measured:
-            raise InvalidValueError(f"{environment} has an episode of {frame + 1} frames, too short to be measured")
+        kept = PerceivedRecorder(pace, receiving(env, selection), selection.boxes)
+        episode = run_episode(env, policy, (clock, kept), seed=seed, most_steps=pace.cycles)
+        if not kept.frames:
+            raise InvalidValueError(f"{environment} has an episode of {episode.steps} frames, too short to be measured")
         messages, sent_bytes = _broadcasts(env)
         return Perceived.of(
-            found, truth, env.region_m, frames=measured, messages=messages, sent_bytes=sent_bytes, ms=clock.ms
+            kept.found,
+            kept.truth,
+            env.region_m,
+            frames=kept.frames,
+            messages=messages,
+            sent_bytes=sent_bytes,
+            ms=clock.ms,
         )
-    finally:
-        env.close()
+
+
+class PerceivedRecorder(Recorder):
+    """What some receivers perceive in the measured frames, and what is there.
+
+    Args:
+        pace: says which frames are measured.
+        receivers: names of agents.
+        boxes: "detections", or the reported "tracks".
+
+    Attributes:
+        found: boxes of each receiver and frame.
+        truth: truth around the same receiver in the same frame.
+        frames: number of measured frames.
+    """
+
+    def __init__(self, pace: Pace, receivers: Sequence[str], boxes: Boxes) -> None:
+        self._pace, self._receivers, self._boxes = pace, receivers, boxes
+        self.found: list[Detections] = []
+        self.truth: list[GroundTruth] = []
+        self.frames = 0
+
+    def on_report(self, episode: Episode) -> None:
+        if not self._pace.measures(episode.steps):
+            return
+        self.frames += 1
+        given, specs = episode.observations, episode.env.agent_specs
+        there = [name for name in self._receivers if name in given]  # a recording need not have all
+        for name in (each for each in there if given[each].get("sensed", 1)):
+            seen = _detections(episode.policy, name, episode.actions[name], self._boxes)
+            self.found.append(_without_itself(seen) if specs[name].is_object else seen)
+            self.truth.append(_truth(episode.infos[name]["ground_truth"]))
 
 
 def pace_in(environment: str, env: CooperativeEnv, pace: Pace) -> Pace:

@@ -12,6 +12,7 @@ import pytest
 import coopsim
 from coopsim.bench.benchmark import benchmark
 from coopsim.bench.demo import Demo, DemoConfig
+from coopsim.bench.detect.detect import Measured, markdown_table, row_of
 from coopsim.bench.detect.detect_plan import DetectPlan
 from coopsim.bench.engine.engine import Engine
 from coopsim.bench.grid.grid import Grid
@@ -163,5 +164,13 @@ def test_competitions_and_processes_of_their_own_refuse_it(recordings: Path, tmp
     for policy in ("truth", f"{own}:Mine"):
         with pytest.raises(InvalidValueError, match="must not need the truth"):
             benchmark(Grid((policy,), ("crossing",), (0,), frames=3), tmp_path / "b", isolation=Isolation(30.0))
-    with pytest.raises(InvalidValueError, match="is told the truth"):
-        DetectPlan(("truth",), ("crossing",), (0,), frames=3).check()
+
+
+def test_detection_is_measured_as_an_upper_bound() -> None:
+    plan = DetectPlan(("truth", "late_fusion(defense=oracle)", "no_fusion"), ("crossing",), (0,), frames=2)
+    plan.check()
+    assert plan.bounds == {"truth", "late_fusion(defense=oracle)"}
+    job = plan.jobs_of("truth", "crossing", plan.disturbances[0])[0]
+    row = row_of(plan, ("truth", "crossing", plan.disturbances[0]), {}, [Measured.of(job.run().perceived, "coopsim")])
+    assert row["APBEV@0.7"] == 1.0 and row["bound"]
+    assert "truth (upper bound)" in markdown_table([row])
