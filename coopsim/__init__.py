@@ -51,6 +51,8 @@ if TYPE_CHECKING:
     from coopsim.defenses.defense import Defense as Defense
     from coopsim.defenses.defense import Reception as Reception
     from coopsim.defenses.defense import Trust as Trust
+    from coopsim.envs.episode import Episode as Episode
+    from coopsim.envs.episode import Recorder as Recorder
     from coopsim.envs.simulated.record_episode import record as record
     from coopsim.envs.vector.make import vector as vector
     from coopsim.errors import CoopsimError as CoopsimError
@@ -84,6 +86,8 @@ _HOMES = {
     "CoopsimError": "coopsim.errors",
     "PlannedCar": "coopsim.planning.planner",
     "Planner": "coopsim.planning.planner",
+    "Episode": "coopsim.envs.episode",
+    "Recorder": "coopsim.envs.episode",
     "record": "coopsim.envs.simulated.record_episode",
     "rollout": "coopsim.bench.evaluate",
     "set_precision": "coopsim.support.precision",

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -32,6 +33,7 @@ from coopsim.agents.coop_fuse import LEAST_CHANCE, LIKELIHOOD, MERGE_GATE, CoopF
 from coopsim.bench.evaluate import listening_env
 from coopsim.cli.arguments import seeds
 from coopsim.data.recording_set import Recording, RecordingSet
+from coopsim.envs.episode import Episode, Recorder, run_episode
 from coopsim.fusion.box_fusion import correspond_rows, trust_likelier
 from coopsim.fusion.compromise import ON_OBJECT
 from coopsim.fusion.fused_boxes import AWAY, BOX, SCORE, Calibration, SourceOdds, pair_features, rows_of_agent
@@ -100,20 +102,26 @@ class GroupsOfLateFusion(LateFusion):
         return super().fuse(groups)
 
 
+class TruthOfPolicy(Recorder):
+    """Keeps the truth around each agent, in its odometry frame, beside what `GroupsOfLateFusion` keeps."""
+
+    def __init__(self) -> None:
+        self.truth: dict[str, list[GroundTruth]] = {}
+
+    def on_report(self, episode: Episode) -> None:
+        for agent in episode.observations:
+            there, pose = episode.infos[agent]["ground_truth"], episode.policy.poses[agent][-1]
+            boxes = Boxes3D.from_array(there["box"]).transform(pose)
+            self.truth.setdefault(agent, []).append(GroundTruth(there["id"], boxes, there["label"]))
+
+
 def town(seed: int, frames: int, detector: str) -> list[Recording]:
     """Return a drawn town as each of its agents sees and hears it: boxes and truth in the agent's odometry frame."""
-    policy, truth = GroupsOfLateFusion(), dict[str, list[GroundTruth]]()
-    env = listening_env("town", policy, {"detector": detector, "max_cycles": frames, "expose_ground_truth": True})
-    observations, infos = env.reset(seed=seed)
-    policy.reset(env.agent_specs, seed=seed)
-    while env.agents:
-        actions = policy.act(observations)
-        for agent in observations:
-            there, pose = infos[agent]["ground_truth"], policy.poses[agent][-1]
-            boxes = Boxes3D.from_array(there["box"]).transform(pose)
-            truth.setdefault(agent, []).append(GroundTruth(there["id"], boxes, there["label"]))
-        observations, _, _, _, infos = env.step(actions)
-    env.close()
+    policy, kept = GroupsOfLateFusion(), TruthOfPolicy()
+    options = {"detector": detector, "max_cycles": frames, "expose_ground_truth": True}
+    with closing(listening_env("town", policy, options)) as env:
+        run_episode(env, policy, (kept,), seed=seed)
+    truth = kept.truth
     return [
         Recording(len(truth[agent]), truth[agent], dict(zip(map(str, range(len(groups))), by_sender, strict=True)))
         for agent, heard in policy.groups.items()
