@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from coopsim.geometry.se3 import Floats, wrap_angle
+from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.clip import AgentScene, Clip, Scene
 
 
@@ -37,5 +37,5 @@ def _turned(rows: Floats, yaw: int) -> Floats:
     """Return rows (..., K) that have y in column 1 and a heading in column `yaw`, in the mirror."""
     turned = rows.copy()
     turned[..., 1] *= -1
-    turned[..., yaw] = wrap_angle(-rows[..., yaw])
+    turned[..., yaw] = np.where(rows[..., yaw] > -np.pi, -rows[..., yaw], -np.pi)  # headings are below pi
     return turned
