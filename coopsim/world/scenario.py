@@ -28,9 +28,11 @@ from coopsim.world.places.urban_grid import make_urban_grid
 from coopsim.world.population import Population, require_one_of_each
 from coopsim.world.script import Script
 from coopsim.world.snapshot import StaticPart
+from coopsim.world.surroundings.street import street_for
 
-DETAILS = ("plain", "full")
-"""How much there is to see: roads, buildings and a few shapes of actors, or also furniture, plants, varied actors."""
+DETAILS = ("plain", "full", "street")
+"""How much there is to see: roads, buildings and a few shapes of actors; also furniture, plants, varied actors; also
+the surroundings of real streets, and people and vehicles at rest in them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,12 +77,12 @@ class Scenario:
     @property
     def static(self) -> tuple[StaticPart, ...]:
         """The meshes that stand there, furnishing in full detail only."""
-        return self.layout.static + (self.layout.furnishing if self.detail == "full" else ())
+        return self.layout.static + (self.layout.furnishing if self.detail != "plain" else ())
 
     @property
     def models(self) -> tuple[Model, ...]:
         """The shapes that actors may have: many more in full detail."""
-        return make_models(varied=self.detail == "full")
+        return make_models(varied=self.detail != "plain", at_rest=self.detail == "street")
 
     def _require_at_most(self, most: int, *names: str) -> None:
         for name in names:
@@ -178,12 +180,14 @@ def make_scenario(place: str | Place, *, density: float = 1.0, detail: str | Non
         cars = Population(**(wanted | {"connected_cars": 0, "rsus": 1})).cars
         wanted["connected_cars"] = min(wanted["connected_cars"], cars)
     detail = detail or usual_detail(found)
-    layout = found.make_layout()
-    if detail == "full" and "furniture" not in (found.description or ()):
-        # Names of described places hold those of their files, which may change.
-        described = found.description is not None
-        layout = furnished_for(json.dumps(found.description, sort_keys=True) if described else found.name, layout)
-    return Scenario(found.name, layout, Population(**wanted), detail, found.description)
+    layout, population = found.make_layout(), Population(**wanted)
+    # Names of described places hold those of their files, which may change.
+    identity = found.name if found.description is None else json.dumps(found.description, sort_keys=True)
+    if detail != "plain" and "furniture" not in (found.description or ()):
+        layout = furnished_for(identity, layout)
+    if detail == "street":
+        layout = street_for(identity, layout, park=not population.parked)
+    return Scenario(found.name, layout, population, detail, found.description)
 
 
 def wanted_numbers(name: str, usual: Population, density: float, numbers: Mapping[str, Any]) -> dict[str, Any]:

@@ -32,6 +32,9 @@ PERSON_ID = 1_000_000_000
 """Ids of pedestrians start here, of children at twice as much and so on, of vehicles at 1: a kind's number does not
 renumber another."""
 
+BYSTANDER_ID = 100 * PERSON_ID
+"""Ids of bystanders start here."""
+
 
 class World:
     """The world of one episode.
@@ -61,7 +64,7 @@ class World:
         self._seed, self._drawn_key = seed, b"none yet"
         self._drawn: tuple[Colors, Colors, Floats]
         self.models: tuple[Model, ...] = scenario.models
-        self._dirty = scenario.detail == "full"
+        self._dirty = scenario.detail != "plain"
         self._sizes_m = np.array([model.size_m for model in self.models])
         self._labels = np.array([model.label for model in self.models])
         self._cycles_m = np.array([model.cycle_m for model in self.models])
@@ -99,6 +102,10 @@ class World:
         self._units = layout.rsus[: population.rsus]
         self._unit_height_m = layout.rsu_height_m
         self._relief = layout.relief
+        numbers = {model.name: k for k, model in enumerate(self.models)}
+        resting = layout.bystanders if scenario.detail == "street" else ()
+        self._resting_model = np.array([numbers[each.model] for each in resting], dtype=np.int64)
+        self._resting = np.array([[each.x_m, each.y_m, each.heading_rad] for each in resting]).reshape(-1, 3)
 
     def step(self, dt_s: float, commands: Mapping[str, Command] | None = None) -> None:
         """Advance by `dt_s`, in equal parts short enough for drivers to react.
@@ -125,19 +132,24 @@ class World:
         return (*(k for k, role in vehicles if role.conflicts), *(k for k, role in people if role.conflicts))
 
     def actors(self) -> Actors:
-        """Return all vehicles, connected ones included, then all people; in the world frame."""
-        fleet, groups = self._traffic.fleet, self._groups
-        model = np.concatenate([fleet.rows["model"], *(people.model for people in groups.values())])
+        """Return all vehicles, connected ones included, then all people, then bystanders; in the world frame."""
+        fleet, groups, resting = self._traffic.fleet, self._groups, self._resting
+        model = np.concatenate(
+            [fleet.rows["model"], *(people.model for people in groups.values()), self._resting_model]
+        )
         size = self._sizes_m[model]
-        ground = np.concatenate([fleet.position, *(people.position for people in groups.values())])
-        yaw = np.concatenate([fleet.rows["heading"], *(people.yaw for people in groups.values())])
+        ground = np.concatenate([fleet.position, *(people.position for people in groups.values()), resting[:, :2]])
+        yaw = np.concatenate([fleet.rows["heading"], *(people.yaw for people in groups.values()), resting[:, 2]])
         label = self._labels[model]
-        velocity = np.concatenate([fleet.velocity, *(people.velocity for people in groups.values())])
-        identity = np.concatenate([fleet.rows["id"], *(first + np.arange(len(each)) for first, each in groups.items())])
+        still = np.zeros((len(resting), 2))
+        velocity = np.concatenate([fleet.velocity, *(people.velocity for people in groups.values()), still])
+        runs = [(first, len(each)) for first, each in groups.items()] + [(BYSTANDER_ID, len(resting))]
+        identity = np.concatenate([fleet.rows["id"], *(first + np.arange(count) for first, count in runs)])
         middle = np.column_stack([ground, self._heights(ground) + size[:, 2] / 2])
         boxes = Boxes3D(middle, size, wrap_angle(yaw))
         # Only people, on foot and riding, have cycles of poses.
-        travelled_m = np.concatenate([np.zeros(len(fleet.rows)), *(people.travelled_m for people in groups.values())])
+        walked_m = [people.travelled_m for people in groups.values()]
+        travelled_m = np.concatenate([np.zeros(len(fleet.rows)), *walked_m, np.zeros(len(resting))])
         cycles = travelled_m / self._cycles_m[model]
         color, accent, start = self._drawn_for(identity, label)
         return Actors(identity, boxes, velocity, label, model, color, accent, np.mod(cycles + start, 1.0))

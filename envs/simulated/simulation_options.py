@@ -161,8 +161,8 @@ class SimulationOptions(PerceptionOptions):
             frames there are no points, images or detections, and nothing is sent; poses, arriving messages, truth and
             scores go on, and the objects that count are those that were visible when last sensed.
         detail: "plain" (roads, buildings, a few shapes of actors), "full" (street furniture and plants, which hide what
-            is behind them, and varied actors), or None: "full" in towns and in files with the key `furniture`, "plain"
-            elsewhere.
+            is behind them, and varied actors), "street" (also the surroundings of real streets, and people and vehicles
+            at rest), or None: "full" in towns and in files with the key `furniture`, "plain" elsewhere.
         lidar: each agent's LiDARs, see `lidar_configs`: name, path or object of a beam table; a `LidarConfig` or its
             mapping; several of these by name; or None, for no rays: simulated detectors are then given the number of
             returns to expect (see `coopsim.sensors.lidar.expected_returns`).
@@ -208,7 +208,7 @@ class SimulationOptions(PerceptionOptions):
     max_cycles: int = 200
     dt_s: float = 0.1
     sense_every: int = 1
-    detail: Literal["plain", "full"] | None = None
+    detail: Literal["plain", "full", "street"] | None = None
     lidar: LidarOption = "HDL-32E"
     lidar_agents: Sequence[str] | None = None
     drone_pitch_rad: float = math.pi / 4

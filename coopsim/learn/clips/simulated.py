@@ -17,6 +17,7 @@ from coopsim.errors import CrowdedWarning
 from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.arrays import round_points
 from coopsim.learn.clips.clip import BLOCK, AgentScene, Clip, Picture, Scene, nearest_in_blocks
+from coopsim.learn.clips.left_hand import in_mirror
 from coopsim.learn.clips.world import ClipWorld, draw_world
 from coopsim.learn.clips.world_recipe import WorldRecipe
 from coopsim.localization.localizer import LocalizationConfig, Localizer
@@ -37,8 +38,9 @@ from coopsim.world.world import World
 class SimulatedClips:
     """Clips of worlds that are drawn from a recipe; the agents' cars are driven by the traffic.
 
-    A frame is what an environment of the same world shows, bit by bit but for the rounding of points. No environment is
-    made, which would sense also before a clip's start, exchange, score and pack.
+    A frame is what an environment of the same world shows, bit by bit but for the rounding of points; of a clip with
+    traffic on the left, what it shows in a mirror. No environment is made, which would sense also before a clip's
+    start, exchange, score and pack.
 
     Another seed gives other clips.
     """
@@ -65,7 +67,8 @@ class SimulatedClips:
             scenes = tuple(_scenes(drawn, self.recipe.frames))
         place = drawn.scenario.name if drawn.scenario.place_seed is None else f"town {drawn.scenario.place_seed}"
         recipe = hashlib.sha256(repr(self.recipe).encode()).hexdigest()[:8]
-        return Clip(f"{place}, recipe {recipe}, seed {self.seed}, clip {index}", drawn.dt_s, scenes)
+        clip = Clip(f"{place}, recipe {recipe}, seed {self.seed}, clip {index}", drawn.dt_s, scenes)
+        return in_mirror(clip) if drawn.is_left_hand else clip
 
 
 def _scenes(drawn: ClipWorld, frames: int) -> Iterator[Scene]:

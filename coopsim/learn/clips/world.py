@@ -41,6 +41,7 @@ class ClipWorld:
         cameras: rig by kind of agent; empty: none.
         time_of_day: name of the light.
         realism: ground and sizes as on real roads; None: those of the town.
+        is_left_hand: traffic is on the left; the world is that of its mirror, with traffic on the right.
     """
 
     scenario: Scenario
@@ -53,6 +54,7 @@ class ClipWorld:
     cameras: Mapping[str, Rig]
     time_of_day: str
     realism: Realism | None = None
+    is_left_hand: bool = False
 
 
 def draw_world(recipe: WorldRecipe, seed: int, index: int) -> ClipWorld:
@@ -72,7 +74,9 @@ def draw_world(recipe: WorldRecipe, seed: int, index: int) -> ClipWorld:
     pattern = one_of(recipe.lidars, rng("lidar"))
     lidar = LidarConfig(pattern, range_noise_m=between(recipe.range_noise_m, rng("range noise")))
     is_real = rng("realistic").random() < recipe.realistic_share
-    scenario = _scenario(environment, place_seed, recipe, rng("population"), rng("agents"), rng("detail"))
+    is_street = rng("street").random() < recipe.street_share
+    detail = "street" if is_street else "plain" if rng("detail").random() < recipe.plain_share else "full"
+    scenario = _scenario(environment, place_seed, recipe, rng("population"), rng("agents"), detail)
     if is_real:
         scenario = replace(scenario, layout=cluttered(scenario.layout, rng("clutter")))
     return ClipWorld(
@@ -86,6 +90,7 @@ def draw_world(recipe: WorldRecipe, seed: int, index: int) -> ClipWorld:
         cameras=draw_cameras(recipe, rng),
         time_of_day=one_of(recipe.times_of_day, rng("time of day")),
         realism=draw_realism(seed, index) if is_real else None,
+        is_left_hand=bool(rng("left hand").random() < recipe.left_hand_share),
     )
 
 
@@ -95,7 +100,7 @@ def _scenario(
     recipe: WorldRecipe,
     people: np.random.Generator,
     agents: np.random.Generator,
-    detail: np.random.Generator,
+    detail: str,
 ) -> Scenario:
     drawn: dict[str, Any] = {
         "density": between(recipe.density, people),
@@ -104,7 +109,7 @@ def _scenario(
         "connected_cars": count_between(recipe.cars, agents),
         "rsus": count_between(recipe.masts, agents),
         "drones": count_between(recipe.drones, agents) if agents.random() < recipe.drone_share else 0,
-        "detail": "plain" if detail.random() < recipe.plain_share else "full",
+        "detail": detail,
     }
     place: Any = environment
     if is_scenario_file(environment):

@@ -40,7 +40,16 @@ _RANGES = {
     "camera_above_m": (-FARTHEST_MOUNT_M, FARTHEST_MOUNT_M),
 }
 """Limits of the ends of ranges."""
-_SHARES = ("plain_share", "realistic_share", "drone_share", "rain_share", "fog_share", "distorted_share")
+_SHARES = (
+    "plain_share",
+    "street_share",
+    "left_hand_share",
+    "realistic_share",
+    "drone_share",
+    "rain_share",
+    "fog_share",
+    "distorted_share",
+)
 _FARTHEST_PLACE = 2**62
 
 
@@ -59,6 +68,9 @@ class WorldRecipe:
         openness: openness of the view past corners, in [0, 1].
         lanes: most lanes a direction.
         plain_share: share of the clips without street furniture.
+        street_share: share of the clips with the surroundings of real streets (`detail="street"`); `plain_share` is
+            then one of the others.
+        left_hand_share: share of the clips with traffic on the left: what is sensed there, seen in a mirror.
         realistic_share: share of the clips with sweeps as on real roads: see `coopsim.learn.clips.realism`.
         frames: frames of a clip.
         dt_s: times between two frames, of which each clip takes one.
@@ -97,6 +109,8 @@ class WorldRecipe:
     openness: float | None = None
     lanes: int | None = None
     plain_share: float = 0.25
+    street_share: float = 0.0
+    left_hand_share: float = 0.0
     realistic_share: float = 0.0
     frames: int = 6
     dt_s: Sequence[float] = (1.0,)
@@ -154,6 +168,10 @@ class WorldRecipe:
         changed |= {name: float(getattr(self, name)) for name in _SHARES}
         for name, value in changed.items():
             object.__setattr__(self, name, value)
+        if self.cameras and self.left_hand_share:
+            raise InvalidValueError(
+                f"left_hand_share must be 0 with cameras, got {self.left_hand_share:g}: images are not mirrored"
+            )
         if not (self.cars[0] or self.masts[0]):
             raise InvalidValueError("cars or masts must be at least 1, so that every clip has an agent")
 

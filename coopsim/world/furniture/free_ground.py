@@ -12,7 +12,7 @@ from coopsim.support.arrays import numbered
 from coopsim.support.kernels import njit
 from coopsim.types import Ints, Mask
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.places.layout import Bay, Footways, Layout
+from coopsim.world.places.layout import Bay, Bystander, Footways, Layout
 from coopsim.world.places.road_network import CircularLane, Lane
 from coopsim.world.snapshot import StaticPart
 from coopsim.world.traffic.rules import cut_inside_m
@@ -216,6 +216,7 @@ def obstacles_of(layout: Layout, area: Floats) -> Obstacles:
     for ways in (layout.footways, layout.cycleways):
         add(lines_of(ways) if ways is not None else [], WALK_M, GROUND)
     add([_bay_outline(bay) for bay in layout.bays], KERB_M, GROUND)
+    add([_outline(each) for each in layout.bystanders], 0.2, GROUND)
     add(layout.road_map.buildings, 0.1, GROUND | CROWN)
     add([rsu.translation[None, :2] for rsu in layout.rsus], 0.6, GROUND)
     add([rsu.translation[None, :2] for rsu in layout.rsus], 2.0, CROWN)
@@ -306,6 +307,11 @@ def _sweep_m(lane: Lane) -> float:
 def _bay_outline(bay: Bay) -> Floats:
     size = _USUAL_BAY_M if bay.label is None else _BAY_M.get(bay.label, _USUAL_BAY_M)
     return _rectangle(np.array([bay.x_m, bay.y_m]), np.array(size), bay.heading_rad)
+
+
+def _outline(bystander: Bystander) -> Floats:
+    size = np.array([bystander.length_m, bystander.width_m])
+    return _rectangle(np.array([bystander.x_m, bystander.y_m]), size, bystander.heading_rad)
 
 
 def _rectangle(middle: Floats, size: Floats, yaw: float) -> Floats:

@@ -33,7 +33,7 @@ def furnish(layout: Layout, seed: int) -> list[dict[str, Any]]:
     edges, near the lines along which people walk and ride (`free_ground.WALK_M`), on crosswalks, in bays, in buildings
     or in another piece. Numbers are rounded to millimetres.
     """
-    area = _area(layout)
+    area = area_of(layout)
     lanes, plot = lanes_of(layout, area), Plot(obstacles_of(layout, area))
     kerbs, backs = street_sides(layout, area, lanes), way_sides(layout, lanes)
     placer = Placer(seed, plot)
@@ -45,7 +45,7 @@ def furnish(layout: Layout, seed: int) -> list[dict[str, Any]]:
     return plot.entries
 
 
-def _area(layout: Layout) -> Floats:
+def area_of(layout: Layout) -> Floats:
     """Return the least and greatest x and y (2, 2) m of the furnished area: all but parts of endless roads."""
     ends = [lane.position(along, 0.0) for lane in layout.network.lanes.values() for along in (0.0, lane.length)]
     if layout.window_m is not None:

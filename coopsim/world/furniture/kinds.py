@@ -87,6 +87,7 @@ KINDS: dict[str, Kind] = {
     "skip": Kind(models.skip, (2.1, 3.2)),
     "heap": Kind(models.heap, (2.5, 2.5), {"width_m": Size(2.5, 0.5, 10.0), "height_m": Size(1.1, 0.2, 5.0)}),
     "trailer": Kind(models.trailer, (4.6, 2.2)),
+    "pole": Kind(models.pole, (0.3, 0.3), _height(8.0, 4.0, 14.0)),
     "tree": Kind(
         tree,
         (0.4, 0.4),
@@ -99,6 +100,7 @@ KINDS: dict[str, Kind] = {
     "crash_barrier": Kind(models.crash_barrier, (0.0, 0.3), _height(0.75, 0.4, 1.5), step_m=12.0),
     "concrete_barrier": Kind(models.concrete_barrier, (0.0, 0.6), _height(0.85, 0.4, 1.5), step_m=4.0),
     "work_fence": Kind(models.work_fence, (0.0, 0.6), _height(1.0, 0.6, 1.5), step_m=2.0),
+    "garden_wall": Kind(models.garden_wall, (0.0, 0.3), _height(1.2, 0.4, 3.0), step_m=4.0),
     "scaffold": Kind(models.scaffold, (0.0, 1.0), _height(6.9, 2.0, 30.0), step_m=2.5),
 }
 """All kinds, by name."""

@@ -40,6 +40,7 @@ WHITE = Material((226, 226, 220), 0.6)
 CANVAS = Material((222, 214, 196), 0.6)
 AWNING = Material((170, 66, 58), 0.55)
 POSTER = Material((196, 170, 120), 0.5)
+BRICK = Material((150, 92, 74), 0.4)
 SAND = Material((198, 176, 130), 0.4)
 RUBBLE = Material((134, 126, 118), 0.3)
 EARTH = Material((96, 78, 60), 0.25)
@@ -61,6 +62,13 @@ def lamp(height_m: float, variant: int) -> Piece:
     arm = block((0.0, 1.5), (-0.04, 0.04), (height_m - 0.12, height_m))
     head = block((1.0, 1.8), (-0.15, 0.15), (height_m - 0.16, height_m - 0.02))
     return (shape(ZINC if variant % 2 else DARK_METAL, post(0.0, 0.0, (0.0, height_m), 0.1, 0.06), arm, head),)
+
+
+def pole(height_m: float, variant: int) -> Piece:
+    """Build a wooden pole for wires: a crossarm across, and on every third one a box below it."""
+    arm = block((-0.06, 0.06), (-0.8, 0.8), (height_m - 0.6, height_m - 0.48))
+    box = [] if variant % 3 else [block((0.1, 0.5), (-0.25, 0.25), (0.55 * height_m, 0.55 * height_m + 0.8))]
+    return (shape(WOOD, post(0.0, 0.0, (0.0, height_m), 0.14, 0.1), arm, *box),)
 
 
 def sign(height_m: float, variant: int) -> Piece:
@@ -279,6 +287,14 @@ def fence(length_m: float, height_m: float, variant: int) -> Piece:
     mesh = joined([*slats, *rails, *posts])
     around = box_around(mesh.vertices)[None]
     return (Shape(mesh.vertices, mesh.faces, (WOOD, WHITE, WOOD)[variant % 3], False, around, _SLAT_SHARE),)
+
+
+def garden_wall(length_m: float, height_m: float, variant: int) -> Piece:
+    """Build a wall of a garden under a coping."""
+    half = length_m / 2
+    body = block((-half, half), (-0.11, 0.11), (0.0, height_m - 0.08))
+    coping = block((-half, half), (-0.15, 0.15), (height_m - 0.08, height_m))
+    return (shape((BRICK, CONCRETE, WHITE)[variant % 3], body, coping),)
 
 
 def railing(length_m: float, height_m: float, _: int) -> Piece:

@@ -15,16 +15,20 @@ from coopsim.world.models.cars import make_cars, make_vans, make_varied_cars
 from coopsim.world.models.heavy import make_buses, make_trucks, make_varied_buses, make_varied_trucks
 from coopsim.world.models.model import Model
 from coopsim.world.models.pedestrians import make_adults, make_children, make_varied_people
+from coopsim.world.models.people_at_rest import make_people_at_rest
 from coopsim.world.models.riders import make_bicycles, make_motorcycles, make_scooters, make_varied_riders
 
 CUSTOM_MODELS: Registry[Model] = Registry("model")
 """Models that users have registered."""
 
 
-def make_models(varied: bool = False) -> tuple[Model, ...]:
-    """Return all models: the built-in ones by class, then custom ones by name, then, if `varied`, the variants."""
+def make_models(varied: bool = False, at_rest: bool = False) -> tuple[Model, ...]:
+    """Return all models: the built-in ones by class, then custom ones by name.
+
+    They are followed by the variants if `varied`, and then by people who stand and sit if `at_rest`.
+    """
     custom = (CUSTOM_MODELS.get(name) for name in CUSTOM_MODELS)
-    return (*_built_in(), *custom, *(_variants() if varied else ()))
+    return (*_built_in(), *custom, *(_variants() if varied else ()), *(_at_rest() if at_rest else ()))
 
 
 def register_model(model: Model) -> Model:
@@ -36,7 +40,7 @@ def register_model(model: Model) -> Model:
     """
     if not isinstance(model, Model):
         raise InvalidValueError(f"model must be a Model, as model_from_mesh makes one, got {model!r}")
-    if any(model.name == other.name for other in (*_built_in(), *_variants())):
+    if any(model.name == other.name for other in (*_built_in(), *_variants(), *_at_rest())):
         raise DuplicateNameError(f"model {model.name!r} is built in")
     return CUSTOM_MODELS.register(model.name)(model)
 
@@ -65,6 +69,11 @@ def _variants() -> tuple[Model, ...]:
         *make_varied_riders(),
         *make_varied_people(),
     )
+
+
+@cache
+def _at_rest() -> tuple[Model, ...]:
+    return tuple(make_people_at_rest())
 
 
 def models_of(models: Sequence[Model], label: ObjectClass, *, parked: bool = False) -> Ints:

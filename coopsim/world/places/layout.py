@@ -14,6 +14,7 @@ from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.arrays import numbered
 from coopsim.types import Ints, Mask
 from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.models.model import Model
 from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork, StraightLane
 from coopsim.world.relief.relief import Relief
 from coopsim.world.snapshot import RoadMap, StaticPart
@@ -64,6 +65,33 @@ class Bay:
     y_m: float
     heading_rad: float
     label: ObjectClass | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Bystander:
+    """Person or vehicle at rest, an actor that never moves, where nobody drives or walks.
+
+    Attributes:
+        model: name of its model.
+        x_m: middle, along x.
+        y_m: middle, along y.
+        heading_rad: direction of its front.
+        length_m: extent ahead.
+        width_m: extent across.
+    """
+
+    model: str
+    x_m: float
+    y_m: float
+    heading_rad: float
+    length_m: float
+    width_m: float
+
+    @classmethod
+    def of(cls, model: Model, x_m: float, y_m: float, heading_rad: float) -> Bystander:
+        """Return a bystander of a model."""
+        length_m, width_m, _ = model.size_m.tolist()
+        return cls(model.name, x_m, y_m, heading_rad, length_m, width_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,6 +189,7 @@ class Layout:
         clearance_m: straight or hardly bent movements closer than this conflict; other bent ones at `CLEARANCE_M`,
             because long vehicles swing out.
         furnishing: meshes of street furniture and plants, which stand there in full detail only.
+        bystanders: people and vehicles at rest, who are there in the detail "street" only.
         relief: height of the ground, on which all of the above stand; None: flat, at 0.
     """
 
@@ -186,6 +215,7 @@ class Layout:
     clearance_m: float = CLEARANCE_M
     furnishing: tuple[StaticPart, ...] = ()
     relief: Relief | None = None
+    bystanders: tuple[Bystander, ...] = ()
 
 
 def box_part(

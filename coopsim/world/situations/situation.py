@@ -80,7 +80,7 @@ class Situation(EpisodeScenarios):
             drawn one for each seed; or a custom place.
         penetration: share of the other moving cars that are connected, in [0, 1]; halves are rounded up.
         rsus: number of roadside units, 0 or 1. Each seed draws it from the three nearest masts.
-        detail: one of `coopsim.world.scenario.DETAILS`; None: the usual one of the place.
+        detail: "plain" or "full"; None: the usual one of the place. Bystanders of "street" could stand in a script's way.
         place_seed: seeds of drawn towns, see `coopsim.world.towns.options.PlaceSeeds`; a town without a site is passed
             over for the next.
         over_s: time at which the situation is over.
@@ -104,6 +104,8 @@ class Situation(EpisodeScenarios):
             require_choice("place", self.place, (NAMED, *scenario_names()) if self.elsewhere else (NAMED,))
         elif not self.elsewhere:
             raise InvalidValueError(f"place must be {NAMED!r} for {self.name!r}, got {self.place.name!r}")
+        if self.detail is not None:
+            require_choice("detail", self.detail, ("plain", "full"))
         require_probability(penetration=self.penetration)
         require_count(0, 1, rsus=self.rsus)
         if self.place_seed is not None and self.place != TOWN:

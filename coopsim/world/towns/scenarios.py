@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from numbers import Integral
@@ -24,6 +25,7 @@ from coopsim.world.scenario import (
     rooms,
     wanted_numbers,
 )
+from coopsim.world.surroundings.street import MOST_BYSTANDERS, street_for
 from coopsim.world.towns.options import PlaceSeeds, TownOptions
 from coopsim.world.towns.town import FEWEST, FEWEST_STARTS, MOST, MOST_TOGETHER, MOVING, draw_place
 
@@ -62,18 +64,27 @@ class TownScenarios(EpisodeScenarios):
         self.name = TOWN
         self._seeds, self._options, self._density, self._detail = seeds, options, density, detail or "full"
         self._asked = dict(numbers)
+        if self._detail == "street":
+            self._asked.setdefault("parked", 0)  # vehicles in bays are bystanders then
         self._agents = self._constant_agents()
         most = Population(**self._wanted(MOST))
         self.most_actors = sum(min(room, sum(getattr(most, name) for name in names)) for names, room in MOST_TOGETHER)
-        self.of(0)
+        self.most_actors += MOST_BYSTANDERS if self._detail == "street" else 0
+        self._drawn(0)
 
     def of(self, seed: int) -> Scenario:
         """Return the scenario of the place that belongs to the episode with this seed."""
-        place_seed = self._seeds.of(seed)
-        place = draw_place(place_seed, self._options)
+        place, layout, population = self._drawn(seed)
+        if self._detail == "street":
+            identity = json.dumps(place.description, sort_keys=True)
+            layout = street_for(identity, layout, park=not population.parked)
+        return Scenario(TOWN, layout, population, self._detail, place.description, self._seeds.of(seed))
+
+    def _drawn(self, seed: int) -> tuple[Place, Layout, Population]:
+        """Return the place of an episode, its layout, and the population that fits there."""
+        place = draw_place(self._seeds.of(seed), self._options)
         layout = place.make_layout()
-        population = self._fitting(Population(**self._wanted(_at_most(place.population, MOST))), layout)
-        return Scenario(TOWN, layout, population, self._detail, place.description, place_seed)
+        return place, layout, self._fitting(Population(**self._wanted(_at_most(place.population, MOST))), layout)
 
     def _wanted(self, usual: Population) -> dict[str, Any]:
         """Return the fields of the population of a place with this usual one."""

@@ -1,0 +1,28 @@
+"""Models of people who stand and sit."""
+
+from __future__ import annotations
+
+import pytest
+
+from coopsim.sensors.scene import is_closed
+from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.models import Model, make_models
+from coopsim.world.models.catalogue import models_of
+from coopsim.world.models.people_at_rest import SITTING, STANDING, make_people_at_rest
+
+
+@pytest.mark.parametrize("model", make_people_at_rest(), ids=lambda model: model.name)
+def test_they_are_closed_and_as_tight_as_labels_of_data_sets(model: Model) -> None:
+    assert is_closed(model.vertices, model.faces) and len(model.poses) == 1
+    length, width, height = model.size_m
+    carries = any(thing in model.name for thing in ("pushchair", "dog", "umbrella"))
+    assert min(length, width) >= 0.2 and (carries or max(length, width) <= 0.9)
+    assert height < 1.4 if model.name in SITTING else height > 1.0
+
+
+def test_nobody_who_walks_is_one_of_them_and_other_worlds_do_not_have_them() -> None:
+    models, names = make_models(varied=True, at_rest=True), STANDING | SITTING
+    for label in (ObjectClass.PEDESTRIAN, ObjectClass.CHILD):
+        assert not {models[k].name for k in models_of(models, label)} & names
+    usual = make_models(varied=True)
+    assert models[: len(usual)] == usual and {model.name for model in models[len(usual) :]} == names
