@@ -138,19 +138,21 @@ def _sample(
     points = np.concatenate(
         [_cloud(scene.agents[each], cloud_of(each), each == number, frame, rng, settings) for each in members]
     )
-    shown = scene.returns[:, members].sum(axis=1) > 0  # the agent itself too, where others see it
-    boxes, velocity = boxes_in(scene.boxes[shown], scene.velocity[shown], frame)
+    shown = np.flatnonzero(scene.returns[:, members].sum(axis=1))  # the agent itself too, where others see it
+    doubts = np.zeros((0, 7)) if scene.doubtful is None else scene.doubtful
+    boxes = np.concatenate([scene.boxes[shown], doubts])
+    velocity = np.concatenate([scene.velocity[shown], np.zeros((len(doubts), 2))])
+    boxes, velocity = boxes_in(boxes, velocity, frame)
     if rng.random() < settings.mirrored:
         mirror(points, boxes, velocity)
     if settings.tilt_deg > 0:
         tilt(points, boxes, np.deg2rad(settings.tilt_deg) * rng.standard_normal(2))
-    grid = _part(boxes, rng, settings, cell_m)
+    grid = _part(boxes[: len(shown)], rng, settings, cell_m)
     left = points_left(points, boxes, grid)
-    label = scene.label[shown]
-    targets = make_targets(
-        boxes[left > 0], velocity[left > 0], label[left > 0], grid.coarser(STRIDE), (left < LEAST_POINTS)[left > 0],
-        moves=moves,
-    )  # fmt: skip
+    unlabelled = np.arange(len(boxes)) >= len(shown)
+    kept, doubtful = (left > 0) | unlabelled, (left < LEAST_POINTS) | unlabelled
+    label = np.append(scene.label[shown], np.zeros(len(doubts), np.int64))
+    targets = make_targets(boxes[kept], velocity[kept], label[kept], grid.coarser(STRIDE), doubtful[kept], moves=moves)
     return DetectorSample(pillarize(points, grid), targets)
 
 
