@@ -1,11 +1,11 @@
 """Compare simulated sweeps with real ones by statistics that a detector depends on.
 
-    python scripts/compare_sweeps.py REAL [--clips 12] [--figure docs/results/sweeps.png]
+    python scripts/compare_sweeps.py REAL [--clips 12] [--figure docs/results/sweeps.png] [--recipe RECIPE]
 
 REAL is a folder of real sweeps, one `.npz` a frame, with `points` (N, 5): x, y, z m (z = 0 on the ground), intensity,
 age; labelled ones have `boxes` (M, 7), `names` (M,) and `returns` (M,). Prints a table in Markdown with a column for
 each real sensor and, beside it, for simulated sweeps of that sensor: ideal ones, and realistic ones
-(`realistic_share`).
+(`realistic_share`). With a recipe, by name or path, a further column has realistic sweeps with its `world.sensors`.
 A figure shows one sweep of each
 from above. Frames in `ASIDE` are never read: they are for tests of networks.
 """
@@ -20,11 +20,14 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
+from coopsim.config.load import load
 from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.clip import AgentScene, Scene
+from coopsim.learn.clips.sensor_ranges import SensorRanges
 from coopsim.learn.clips.simulated import SimulatedClips
-from coopsim.learn.clips.world import draw_world
+from coopsim.learn.clips.world import ClipWorld, draw_world
 from coopsim.learn.clips.world_recipe import WorldRecipe
+from coopsim.learn.recipe import find_recipe
 from coopsim.sensors.lidar.patterns import find_pattern
 from coopsim.types.taxonomy import ObjectClass
 
@@ -98,22 +101,29 @@ def real_frames(folder: Path, sensor: Sensor) -> Iterator[Frame]:
             yield Frame(points, np.array(sensor.at_m), vehicles, people, sensor.columns)
 
 
-def simulated_frames(sensor: Sensor, clips: int, share: float) -> Iterator[Frame]:
+def simulated_frames(sensor: Sensor, clips: int, share: float, ranges: SensorRanges | None = None) -> Iterator[Frame]:
     """Yield frames of cars in drawn towns, of which none is for validation or tests."""
     recipe = WorldRecipe(
-        frames=1, lidars={sensor.pattern: 1.0}, realistic_share=share, rain_share=0.0, fog_share=0.0, masts=(0, 0)
+        frames=1,
+        lidars={sensor.pattern: 1.0},
+        realistic_share=share,
+        rain_share=0.0,
+        fog_share=0.0,
+        masts=(0, 0),
+        sensors=ranges,
     )
     for index in range(clips):
-        lidar = draw_world(recipe, 0, index).lidar
+        drawn = draw_world(recipe, 0, index)
         (scene,) = SimulatedClips(recipe).clip(index).scenes
         for agent in scene.agents:
             if agent.kind == "cav":
-                yield _frame(scene, agent, lidar.x_m, lidar.above_m, lidar.columns)
+                yield _frame(scene, agent, drawn)
 
 
-def _frame(scene: Scene, agent: AgentScene, x_m: float, above_m: float, columns: int) -> Frame:
+def _frame(scene: Scene, agent: AgentScene, drawn: ClipWorld) -> Frame:
     own = scene.object_id == agent.actor_id
-    origin = np.array([x_m, 0.0, float(scene.boxes[own, 5][0]) + above_m])
+    under_m = drawn.under_lidar_m(agent.kind, float(scene.boxes[own, 5][0]))
+    origin = np.array([drawn.lidar.x_m, 0.0, under_m + drawn.lidar.above_m])
     boxes = scene.boxes[~own].copy()
     cos, sin = np.cos(agent.xyz_yaw[3]), np.sin(agent.xyz_yaw[3])
     boxes[:, :3] -= agent.xyz_yaw[:3]
@@ -121,7 +131,7 @@ def _frame(scene: Scene, agent: AgentScene, x_m: float, above_m: float, columns:
     boxes[:, 6] -= agent.xyz_yaw[3]
     label = scene.label[~own]
     vehicles, people = (boxes[np.isin(label, kinds)] for kinds in (VEHICLES, PEOPLE))
-    return Frame(agent.points.astype(np.float64), origin, vehicles, people, columns)
+    return Frame(agent.points.astype(np.float64), origin, vehicles, people, drawn.lidar.columns)
 
 
 def measure(frame: Frame, sensor: Sensor) -> dict[str, list[float]]:
@@ -279,20 +289,24 @@ class Column:
             self.values.setdefault(name, []).extend(values)
 
 
-def sources_of(folder: Path, sensor: Sensor, clips: int) -> dict[str, Iterator[Frame]]:
+def sources_of(
+    folder: Path, sensor: Sensor, clips: int, ranges: SensorRanges | None = None
+) -> dict[str, Iterator[Frame]]:
     """Return the frames of a real sensor, and of simulated ones, by the name of their column."""
+    by_recipe = {} if ranges is None else {"by recipe": simulated_frames(sensor, clips, 1.0, ranges)}
     return {
         sensor.name: real_frames(folder, sensor),
         "ideal": simulated_frames(sensor, clips, 0.0),
         "realistic": simulated_frames(sensor, clips, 1.0),
+        **by_recipe,
     }
 
 
-def columns_of(folder: Path, clips: int) -> list[Column]:
-    """Return real, ideal and realistic columns of each sensor."""
+def columns_of(folder: Path, clips: int, ranges: SensorRanges | None) -> list[Column]:
+    """Return real, ideal and realistic columns of each sensor, and one with `ranges`, if any."""
     columns = []
     for sensor in SENSORS:
-        for name, frames in sources_of(folder, sensor, clips).items():
+        for name, frames in sources_of(folder, sensor, clips, ranges).items():
             column = Column(name)
             for frame in frames:
                 column.add(measure(frame, sensor))
@@ -345,10 +359,12 @@ def main() -> None:
     parser.add_argument("real", type=Path, help="folder of real sweeps")
     parser.add_argument("--clips", type=int, default=12, help="simulated clips of each kind")
     parser.add_argument("--figure", type=Path, help="picture to draw")
+    parser.add_argument("--recipe", help="adds a column with its world.sensors")
     given = parser.parse_args()
+    ranges = None if given.recipe is None else load(WorldRecipe, find_recipe(given.recipe).world, "world").sensors
     if given.figure is not None:
         draw(given.real, given.figure)
-    print(table(columns_of(given.real, given.clips)))
+    print(table(columns_of(given.real, given.clips, ranges)))
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from coopsim.cli.entry_commands import ENTRY
 from coopsim.cli.export_commands import CHECK_EXPORT, EXPORT, EXPORT_RESULTS
 from coopsim.cli.info_command import INFO
 from coopsim.cli.list_command import LIST
+from coopsim.cli.paste_command import PASTE
 from coopsim.cli.recordings_commands import LEADERBOARD, REPLAY
 from coopsim.cli.train_command import TRAIN
 from coopsim.cli.world_commands import RECORD, TOWN
@@ -41,6 +42,7 @@ _COMMANDS = {
     "check-export": CHECK_EXPORT,
     "export-results": EXPORT_RESULTS,
     "train": TRAIN,
+    "paste": PASTE,
     "replay": REPLAY,
     "leaderboard": LEADERBOARD,
     "entry": ENTRY,

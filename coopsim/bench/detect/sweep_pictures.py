@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,20 +15,14 @@ from coopsim.bench.detect.perceived import Perceived, PerceivedFiles
 from coopsim.bench.detect.ranking import SURE
 from coopsim.catalog import is_recordings_folder, parallel_env
 from coopsim.errors import InvalidValueError
-from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import Floats
 from coopsim.support.files import make_folder
 from coopsim.types import NS_PER_S
-from coopsim.viz.bev import outlines
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from coopsim.viz.cloud_axes import draw_boxes, draw_cloud
 
 REACH_M = 50.0
 """Half the width of the world that a picture shows, unless the plan has a largest distance."""
 
 _INCHES, _DOTS_PER_INCH = 8.0, 120
-_LOW_M, _HIGH_M = -0.5, 2.5  # heights between which points become brighter
 _LABELLED, _FOUND, _UNCOUNTED = "tab:green", "tab:red", "tab:gray"
 
 
@@ -93,12 +86,7 @@ def draw_sweep(
     from matplotlib.figure import Figure
 
     figure = Figure((_INCHES, _INCHES), dpi=_DOTS_PER_INCH, layout="constrained")
-    axes = figure.add_subplot(facecolor="black", aspect="equal", title=title)
-    axes.set(xlim=(-reach_m, reach_m), ylim=(-reach_m, reach_m), xlabel="to the right, m", ylabel="forward, m")
-    ordered = points[np.argsort(points[:, 2])]
-    axes.scatter(
-        -ordered[:, 1], ordered[:, 0], 0.4, ordered[:, 2], cmap="gray", vmin=_LOW_M, vmax=_HIGH_M, linewidths=0
-    )
+    axes = draw_cloud(figure.add_subplot(title=title), points, reach_m)
     true, found = (slice(*starts[row : row + 2]) for starts in (perceived.true_start, perceived.found_start))
     counts, sure = perceived.true_counts[true], perceived.found_score[found] > SURE
     for boxes, color, label in (
@@ -106,14 +94,7 @@ def draw_sweep(
         (perceived.true_box[true][counts], _LABELLED, "labelled"),
         (perceived.found_box[found][sure], _FOUND, f"found, score > {SURE:g}"),
     ):
-        _draw_boxes(axes, boxes, color, label)
+        draw_boxes(axes, boxes, color, label)
     axes.legend(loc="upper right", framealpha=0.8)
     figure.savefig(path)
     return path
-
-
-def _draw_boxes(axes: Axes, boxes: Floats, color: str, label: str) -> None:
-    for number, box in enumerate(outlines(Boxes3D.from_array(boxes))):
-        front, middle = (box[0] + box[3]) / 2, box.mean(axis=0)  # counter-clockwise from front left
-        line = np.vstack([box, box[:1], [np.nan, np.nan], middle, front])
-        axes.plot(-line[:, 1], line[:, 0], color=color, linewidth=1.1, label=label if number == 0 else None)

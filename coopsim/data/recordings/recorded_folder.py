@@ -144,11 +144,13 @@ class RecordedFrame:
         time_ns: since the sequence's first frame.
         agents: agents by coopsim's names, as "cav_0".
         objects: the labels.
+        doubtful: (K, 7) boxes in the world frame where an object may be that is not labelled.
     """
 
     time_ns: int
     agents: Mapping[str, RecordedAgent]
     objects: RecordedObjects
+    doubtful: Floats = field(default_factory=lambda: np.zeros((0, 7)))
 
 
 POSE_SOURCES = ("auto", "poses", "none")
@@ -172,6 +174,7 @@ class ReadingOptions:
             keeps all.
         odometry: source of the agents' motion: "poses", of the files; "auto", the same; "none", for a single agent
             whose labels are in its own frame: as if it stood still.
+        labelled: False: labels of plain arrays are not read, and may be missing.
 
     Raises:
         InvalidValueError: a value is not accepted.
@@ -181,6 +184,7 @@ class ReadingOptions:
     lidar_height_m: float | Mapping[str, float] | None = None
     odometry: str = "auto"
     points: str = "picture"
+    labelled: bool = True
 
     def __post_init__(self) -> None:
         require_choice("odometry", self.odometry, POSE_SOURCES, "in a folder with sweeps")

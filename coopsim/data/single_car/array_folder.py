@@ -7,6 +7,7 @@
 | `boxes`, (M, 7) | x, y, z of the middle, length, width, height m, heading rad |
 | `names`, (M,) | their types in any data set's words |
 | `ids`, (M,) integers | optional: identities over the sequence |
+| `doubtful`, (K, 7) | optional: boxes where an object may be that is not labelled; training takes them for nothing |
 | `fov_deg` | optional: boxes are labelled up to half of this to the left and right |
 | `pose`, (4, 4) | optional: the car's pose in the world, upright, on the ground; otherwise it stands |
 | `time_s` | optional: else frames are `frame_s` apart |
@@ -44,6 +45,7 @@ from coopsim.data.recordings.recorded_folder import (
     SingleCarFolder,
 )
 from coopsim.errors import RecordingError
+from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.types import Ints, Sweep, seconds_to_ns
 
@@ -55,7 +57,9 @@ POINTS, LABELS = "points", "labels"
 
 _CLOUDS = (".npy", ".bin")
 _BROKEN = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
-_OPTIONAL = ("ids", "fov_deg", "pose", "time_s")
+_NO_BOXES = np.zeros((0, 7)), np.zeros(0, np.str_)
+_LABELS = ("boxes", "names")
+_OPTIONAL = ("ids", "fov_deg", "pose", "time_s", "doubtful")
 
 
 @dataclass(frozen=True)
@@ -109,25 +113,28 @@ class ArraySequence(RecordedSequence):
         if path.suffix == ".npz":
             return self._whole_frame(number, base_SE3_lidar)
         labels = path.parent.with_name(LABELS) / f"{path.stem}.txt"
-        boxes, names = _read_boxes(labels)
+        boxes, names = _read_boxes(labels) if self.options.labelled else _NO_BOXES
         objects = _objects(boxes, names, ids_of_frame(number, len(names)), base_SE3_lidar, labels)
         agent = RecordedAgent(SE3.identity(), base_SE3_lidar, partial(_read_cloud, path, base_SE3_lidar))
         return RecordedFrame(seconds_to_ns(number * self.frame_s), dict.fromkeys(self.agents, agent), objects)
 
     def _whole_frame(self, number: int, base_SE3_lidar: SE3) -> RecordedFrame:
         path = self.files[number]
-        fields = _read_arrays(path, ("boxes", "names"))
-        names = np.atleast_1d(fields.value("names"))
-        boxes = fields.numbers("boxes", (len(names), 7))
+        labelled = self.options.labelled
+        fields = _read_arrays(path, _LABELS if labelled else ())
+        names = np.atleast_1d(fields.value("names")) if labelled else _NO_BOXES[1]
+        boxes = fields.numbers("boxes", (len(names), 7)) if labelled else _NO_BOXES[0]
         ids = ids_of_frame(number, len(names))
-        if "ids" in fields:
+        if "ids" in fields and labelled:
             ids = _identities(fields, len(names))
         pose = fields.transform("pose") if "pose" in fields and self.options.odometry != "none" else SE3.identity()
         time_s = fields.number("time_s") if "time_s" in fields else number * self.frame_s
         fov_deg = fields.number("fov_deg") if "fov_deg" in fields and self.options.points == IN_PICTURE else 360.0
         agent = RecordedAgent(pose, base_SE3_lidar, partial(_read_points, path, fov_deg))
         objects = _objects(boxes, names, ids, pose, path)
-        return RecordedFrame(seconds_to_ns(time_s), dict.fromkeys(self.agents, agent), objects)
+        return RecordedFrame(
+            seconds_to_ns(time_s), dict.fromkeys(self.agents, agent), objects, _doubtful(fields, pose, labelled)
+        )
 
 
 def _sequence_of(path: Path) -> tuple[str, int]:
@@ -150,6 +157,17 @@ def _identities(fields: Fields, count: int) -> Ints:
     if ids.shape != (count,) or ids.dtype.kind not in "iu" or len(np.unique(ids)) < count or ids.min(initial=0) < 0:
         raise fields.error("ids", f"must be {count} different integers >= 0")
     return ids.astype(np.int64) + 1
+
+
+def _doubtful(fields: Fields, world_SE3_file: SE3, labelled: bool) -> Floats:
+    """Return boxes (K, 7) in the world frame where an object may be."""
+    if "doubtful" not in fields or not labelled:
+        return _NO_BOXES[0]
+    rows = np.asarray(fields.value("doubtful"))
+    boxes = fields.numbers("doubtful", (len(rows) if rows.ndim else 0, 7))
+    if boxes[:, 3:6].min(initial=1.0) <= 0:
+        raise fields.error("doubtful", "must have lengths, widths and heights > 0")
+    return Boxes3D.from_array(boxes).transform(world_SE3_file).array
 
 
 def _objects(boxes: Floats, names: NDArray[Any], ids: Ints, world_SE3_file: SE3, path: Path) -> RecordedObjects:

@@ -5,7 +5,7 @@ differences between them are kept: compressed they are half as large, in half th
 
 | array | content |
 |---|---|
-| `format` | 2; 1 has no images and no pixels |
+| `format` | 3 with doubtful boxes, else 2; 1 has no images and no pixels |
 | `key`, `dt_s`, `time_ns` (F,) | the clip and its frames |
 | `agents` (F,), `objects` (F,) | numbers of agents and of objects in each frame |
 | `name`, `kind`, `xyz_yaw`, `odometry`, `actor_id`, `points`, `cameras` | per agent; actor 0: none |
@@ -13,6 +13,7 @@ differences between them are kept: compressed they are half as large, in half th
 | `object_id`, `boxes`, `velocity`, `label` | per object |
 | `returns` | frame by frame, each (N, A) row by row |
 | `counted` (F,), `pixels` | 1 for frames with numbers of pixels, 0 for others; like `returns`, for the frames with 1 |
+| `doubts` (F,), `doubtful` (K, 7) | numbers of doubtful boxes in each frame, and these; where a frame has any |
 | `size`, `matrix`, `distortion` | per image: (2,) height and width, (3, 3), (5,) |
 | `rotation`, `translation` | per image: (3, 3), (3,) of base_SE3_camera |
 | `rgb`, `depth_m`, `nearest_label` | image by image, each row by row |
@@ -35,7 +36,7 @@ from coopsim.geometry.se3 import SE3
 from coopsim.learn.clips.clip import BLOCK, NO_CLASS, AgentScene, Clip, Picture, Scene
 from coopsim.types import CLASS_NAMES, CameraCalibration
 
-_FORMAT, _WITHOUT_PICTURES = 2, 1
+_WITH_DOUBTS, _FORMAT, _WITHOUT_PICTURES = 3, 2, 1
 _NO_ACTOR = 0
 _COUNTS = ("time_ns", "agents", "objects", "actor_id", "points", "object_id", "label", "returns", "counted", "pixels")
 _ROWS = {"xyz_yaw": 4, "odometry": 4, "boxes": 7, "velocity": 2}
@@ -57,7 +58,7 @@ def arrays_of(clip: Clip) -> Arrays:
     packed = [pack_points(agent.points) for agent in agents]
     centimetres = np.concatenate([np.zeros((0, 3), np.int16), *(part for part, _ in packed)])
     return {
-        "format": np.array(_FORMAT),
+        "format": np.array(_WITH_DOUBTS if _doubts(scenes) else _FORMAT),
         "key": np.array(clip.key),
         "dt_s": np.array(clip.dt_s, np.float64),
         "time_ns": np.array([scene.time_ns for scene in scenes], np.int64),
@@ -78,8 +79,16 @@ def arrays_of(clip: Clip) -> Arrays:
         "returns": np.concatenate([scene.returns.reshape(-1) for scene in scenes], dtype=np.int64),
         "counted": np.array([scene.pixels is not None for scene in scenes], np.int64),
         "pixels": np.concatenate([np.zeros(0, np.int64), *(counts.reshape(-1) for counts in pixels)], dtype=np.int64),
+        **_doubts(scenes),
         **picture_arrays(agents),
     }
+
+
+def _doubts(scenes: Sequence[Scene]) -> dict[str, NDArray[Any]]:
+    """Return the arrays of doubtful boxes; none where there are no such boxes."""
+    each = [np.zeros((0, 7)) if scene.doubtful is None else scene.doubtful for scene in scenes]
+    counts = np.array([len(boxes) for boxes in each], np.int64)
+    return {"doubts": counts, "doubtful": np.concatenate(each, dtype=np.float64)} if counts.any() else {}
 
 
 def clip_of(arrays: Arrays) -> Clip:
@@ -90,8 +99,8 @@ def clip_of(arrays: Arrays) -> Clip:
         KeyError: one is missing.
     """
     version = int(arrays["format"])
-    if version not in (_WITHOUT_PICTURES, _FORMAT):
-        accepted = f"{_WITHOUT_PICTURES} and {_FORMAT}"
+    if version not in (_WITHOUT_PICTURES, _FORMAT, _WITH_DOUBTS):
+        accepted = f"{_WITHOUT_PICTURES} to {_WITH_DOUBTS}"
         raise ValueError(f"its format is {version}, and this version of coopsim reads {accepted}")
     if version == _WITHOUT_PICTURES:
         arrays = {**arrays, **_no_pictures(arrays)}
@@ -107,6 +116,7 @@ def clip_of(arrays: Arrays) -> Clip:
     returns = split_rows(arrays["returns"], np.cumsum(pairs))
     counted = arrays["counted"]
     pixels = split_rows(arrays["pixels"], np.cumsum(pairs * counted))
+    doubtful = _doubtful(arrays) if version == _WITH_DOUBTS else [None] * len(pixels)
     scenes = [
         Scene(
             time_ns=int(time_ns),
@@ -117,10 +127,21 @@ def clip_of(arrays: Arrays) -> Clip:
             label=parts["label"][k],
             returns=returns[k].reshape(len(parts["object_id"][k]), len(there)),
             pixels=pixels[k].reshape(len(parts["object_id"][k]), len(there)) if counted[k] else None,
+            doubtful=doubtful[k],
         )
         for k, (time_ns, there) in enumerate(zip(arrays["time_ns"], each_agents, strict=True))
     ]
     return Clip(str(arrays["key"]), float(arrays["dt_s"]), tuple(scenes))
+
+
+def _doubtful(arrays: Arrays) -> list[NDArray[Any] | None]:
+    """Return the doubtful boxes of each frame; None: it has none."""
+    counts, boxes = arrays["doubts"], arrays["doubtful"]
+    if counts.dtype != np.int64 or counts.shape != arrays["time_ns"].shape or (counts < 0).any():
+        raise ValueError("doubts must be an integer >= 0 of each frame")
+    if boxes.dtype != np.float64 or boxes.shape[1:] != (7,) or not np.isfinite(boxes).all():
+        raise ValueError("doubtful must be rows of 7 finite numbers of 64 bits")
+    return [part if len(part) else None for part in split_rows(boxes, np.cumsum(counts))]
 
 
 def _agents(arrays: Arrays) -> Iterator[AgentScene]:

@@ -92,6 +92,7 @@ class Scene:
         label: (N,) `ObjectClass`.
         returns: (N, A) number of LiDAR returns from each object at each agent; 0 from itself.
         pixels: (N, A) number of pixels of each object in all images of each agent; 0 of itself. None: no cameras.
+        doubtful: (K, 7) boxes where an object may be that is not among these; None: nowhere.
     """
 
     time_ns: int
@@ -102,6 +103,7 @@ class Scene:
     label: Ints
     returns: Ints
     pixels: Ints | None = None
+    doubtful: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

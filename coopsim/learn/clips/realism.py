@@ -143,24 +143,28 @@ class Realism:
         return replace(triangles, reflectivity=np.where(plain, matt * factor, matt))
 
 
-def draw_realism(seed: int, index: int) -> Realism:
-    """Draw ground and sizes of a clip."""
+def draw_realism(seed: int, index: int, grade: float | None = None, roughness_m3: float | None = None) -> Realism:
+    """Draw ground and sizes of a clip; of its ground's steepest grade and roughness, those that are None."""
     rng = stream(seed, "ground and sizes", "clip", str(index))
     market = rng.uniform(*_MARKET)
     each = tuple((market + rng.uniform(-_MARKET_SPREAD, _MARKET_SPREAD, 3)).tolist())
     slack = rng.uniform(*_SLACK_M, 2).tolist()
-    ground, own = _draw_ground(rng), int(rng.integers(2**62))
+    ground, own = _draw_ground(rng, grade, roughness_m3), int(rng.integers(2**62))
     return Realism(ground, own, (each[0], each[1], each[2]), (slack[0], slack[1]), rng.uniform(*_GLOSS))
 
 
-def _draw_ground(rng: np.random.Generator) -> Ground:
+def _draw_ground(rng: np.random.Generator, grade: float | None, roughness_m3: float | None) -> Ground:
     """Draw hills, whose grade is at most that drawn, and bumps by the spectrum of ISO 8608."""
     edges = np.geomspace(*_ROUGH_PER_M, _BUMPS + 1)
     per_m = np.concatenate([1 / rng.uniform(*_HILL_M, _HILLS), np.sqrt(edges[:-1] * edges[1:])])
     away = 2 * np.pi * rng.random(_HILLS + _BUMPS)
     turns = np.rint(_PERIOD_M * per_m[:, None] * np.column_stack([np.cos(away), np.sin(away)])).astype(np.int64)
-    hills = rng.uniform(*_GRADE) / _HILLS / (2 * np.pi * per_m[:_HILLS])
-    density = math.exp(rng.uniform(*np.log(_ROUGHNESS_M3))) * (per_m[_HILLS:] / _DENSITY_AT_PER_M) ** -2
+    usual = rng.uniform(*_GRADE), math.exp(rng.uniform(*np.log(_ROUGHNESS_M3)))
+    grade, roughness_m3 = (
+        own if given is None else given for own, given in zip(usual, (grade, roughness_m3), strict=True)
+    )
+    hills = grade / _HILLS / (2 * np.pi * per_m[:_HILLS])
+    density = roughness_m3 * (per_m[_HILLS:] / _DENSITY_AT_PER_M) ** -2
     bumps = np.sqrt(2 * density * np.diff(edges))
     return Ground(turns, 2 * np.pi * rng.random(len(turns)), np.concatenate([hills, bumps]))
 

@@ -96,6 +96,7 @@ class RecordedClips:
                 velocity=actors.velocity,
                 label=actors.label,
                 returns=returns_of(actors, bodies, sweeps),
+                doubtful=frame.doubtful if len(frame.doubtful) else None,
             )
 
 

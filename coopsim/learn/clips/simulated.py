@@ -99,7 +99,7 @@ class ClipSensing:
     """Sensors of a world at a clip's first frame, with the random streams of environments. Close it at the end."""
 
     def __init__(self, drawn: ClipWorld, world: WorldSource) -> None:
-        self._world, self._realism = world, drawn.realism
+        self._world, self._realism, self._drawn = world, drawn.realism, drawn
         self._geometry = SceneGeometry(world.models, world.static)
         looks_down = replace(drawn.lidar, pitch_rad=drawn.lidar.pitch_rad + _DRONE_PITCH_RAD)
         bodies, on_ground = world.agents(), Lidar(drawn.lidar, drawn.weather)
@@ -147,8 +147,9 @@ class ClipSensing:
             self._cameras.close()
 
     def _sweep(self, rays: RayScene, body: AgentBody) -> Sweep:
-        lidar = self._lidars[body.kind]
-        return lidar.sense(rays, body.world_SE3_base, body.height_m, body.actor_id, self._rngs[body.name])
+        lidar, own_id = self._lidars[body.kind], None if self._drawn.sees_carrier else body.actor_id
+        under_m = self._drawn.under_lidar_m(body.kind, body.height_m)
+        return lidar.sense(rays, body.world_SE3_base, under_m, own_id, self._rngs[body.name])
 
     def _agent(self, body: AgentBody, sweep: Sweep, pictures: tuple[Picture, ...]) -> AgentScene:
         pose = body.world_SE3_base

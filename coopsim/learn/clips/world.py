@@ -12,6 +12,7 @@ import numpy as np
 from coopsim.catalog import is_scenario_file, scenario_file_options, scenario_of_file
 from coopsim.errors import InvalidValueError
 from coopsim.learn.clips.realism import Realism, cluttered, draw_realism, realistic_lidar
+from coopsim.learn.clips.sensor_ranges import SensorRanges
 from coopsim.learn.clips.world_recipe import WorldRecipe
 from coopsim.sensors.camera.camera import Camera, Rig, rig
 from coopsim.sensors.camera.intrinsics import Coefficients, Intrinsics, distort
@@ -23,6 +24,7 @@ from coopsim.world.scenario import NUMBERS, Scenario
 from coopsim.world.towns.scenarios import TOWN, TOWN_KEYS, choose_scenarios
 
 _LONGEST_SEED = 2**62
+_LEAST_ABOVE_M = 0.15  # of a LiDAR over a roof that is higher than the LiDAR was drawn to be
 _STEP_S = 0.1  # to which starts are rounded: traffic is stepped in tenths
 
 
@@ -42,6 +44,8 @@ class ClipWorld:
         time_of_day: name of the light.
         realism: ground and sizes as on real roads; None: those of the town.
         is_left_hand: traffic is on the left; the world is that of its mirror, with traffic on the right.
+        mount_m: height of cars' LiDARs over the ground; None: `lidar.above_m` over their roofs.
+        sees_carrier: LiDARs see the car that carries them.
     """
 
     scenario: Scenario
@@ -55,6 +59,15 @@ class ClipWorld:
     time_of_day: str
     realism: Realism | None = None
     is_left_hand: bool = False
+    mount_m: float | None = None
+    sees_carrier: bool = False
+
+    def under_lidar_m(self, kind: str, height_m: float) -> float:
+        """Return the height of an agent's body, or of one that would carry its LiDAR where it was drawn."""
+        if self.mount_m is None or kind != "cav":
+            return height_m
+        on_roof_m = height_m + min(self.lidar.above_m, _LEAST_ABOVE_M)
+        return max(self.mount_m, on_roof_m) - self.lidar.above_m
 
 
 def draw_world(recipe: WorldRecipe, seed: int, index: int) -> ClipWorld:
@@ -77,20 +90,27 @@ def draw_world(recipe: WorldRecipe, seed: int, index: int) -> ClipWorld:
     is_street = rng("street").random() < recipe.street_share
     detail = "street" if is_street else "plain" if rng("detail").random() < recipe.plain_share else "full"
     scenario = _scenario(environment, place_seed, recipe, rng("population"), rng("agents"), detail)
+    realism, mount_m, sees_carrier = None, None, False
     if is_real:
         scenario = replace(scenario, layout=cluttered(scenario.layout, rng("clutter")))
+        ranges = recipe.sensors or SensorRanges()
+        lidar = ranges.built(realistic_lidar(lidar, rng("lidar as built")), rng)
+        realism = draw_realism(seed, index, ranges.draw("grade", rng), ranges.draw("roughness_m3", rng))
+        mount_m, sees_carrier = ranges.draw("mount_m", rng), rng("sensor ego").random() < ranges.ego_share
     return ClipWorld(
         scenario=scenario,
         seed=int(rng("episode").integers(_LONGEST_SEED)),
         dt_s=dt_s,
         sweep_s=sweep_s,
         start_s=round(waited_s / _STEP_S) * _STEP_S,
-        lidar=realistic_lidar(lidar, rng("lidar as built")) if is_real else lidar,
+        lidar=lidar,
         weather=_weather(recipe, rng("weather")),
         cameras=draw_cameras(recipe, rng),
         time_of_day=one_of(recipe.times_of_day, rng("time of day")),
-        realism=draw_realism(seed, index) if is_real else None,
         is_left_hand=bool(rng("left hand").random() < recipe.left_hand_share),
+        realism=realism,
+        mount_m=mount_m,
+        sees_carrier=sees_carrier,
     )
 
 

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 from coopsim.catalog import is_recordings_folder, is_scenario_file, scenario_files
 from coopsim.errors import InvalidValueError
+from coopsim.learn.clips.ranges import as_count_range, as_list, as_range
+from coopsim.learn.clips.sensor_ranges import SensorRanges
 from coopsim.sensors import FARTHEST_MOUNT_M
 from coopsim.sensors.camera.camera import RIG_NAMES
 from coopsim.sensors.camera.daylight import DAYLIGHTS
 from coopsim.sensors.lidar.patterns import PATTERNS
 from coopsim.support.checks import (
-    require_between,
     require_choice,
     require_count,
     require_flag,
     require_frame_time,
+    require_instance,
     require_positive,
     require_probability,
 )
@@ -50,6 +52,7 @@ _SHARES = (
     "fog_share",
     "distorted_share",
 )
+_LATER = ("sensors", "street_share", "left_hand_share")
 _FARTHEST_PLACE = 2**62
 
 
@@ -98,6 +101,7 @@ class WorldRecipe:
         camera_above_m: range of the height over the agent's body.
         distorted_share: share of the clips whose lenses distort; the others are pinholes.
         times_of_day: names of lights in which cameras see, with their weights.
+        sensors: how sensors and ground of realistic clips are drawn where it differs from the usual; None: it does not.
         allow_test_places: accept also what results are measured on and no shipped network was trained on: the named
             scenarios, the shipped scenario files, and the sensors VLP-16 and OS1-128.
     """
@@ -137,12 +141,14 @@ class WorldRecipe:
     distorted_share: float = 0.2
     times_of_day: Mapping[str, float] = field(default_factory=lambda: {"day": 0.6, "dusk": 0.2, "night": 0.2})
     allow_test_places: bool = False
+    sensors: SensorRanges | None = None
 
     def __post_init__(self) -> None:
         require_flag(allow_test_places=self.allow_test_places)
         require_count(1, frames=self.frames, places=self.places)
         require_count(0, _FARTHEST_PLACE - self.places, first_place=self.first_place)
         require_probability(**{name: getattr(self, name) for name in _SHARES})
+        require_instance(SensorRanges, sensors=self.sensors)
         TownOptions(self.junctions, self.openness, self.lanes)  # its own checks
         environments = as_list("environments", self.environments)
         for name in environments:
@@ -174,6 +180,11 @@ class WorldRecipe:
             )
         if not (self.cars[0] or self.masts[0]):
             raise InvalidValueError("cars or masts must be at least 1, so that every clip has an agent")
+
+    def __repr__(self) -> str:
+        """Return the fields, without those of `_LATER` that are unused: names of older recipes' clips stay the same."""
+        shown = [each.name for each in fields(self) if each.name not in _LATER or getattr(self, each.name) != each.default]
+        return f"WorldRecipe({', '.join(f'{name}={getattr(self, name)!r}' for name in shown)})"
 
     @classmethod
     def for_validation(cls, **changed: Any) -> WorldRecipe:
@@ -248,31 +259,3 @@ def as_weights(option: str, what: str, given: object, known: Iterable[str], leas
         require_choice(option, name, known)
         require_positive(**{f"the weight of {name}": weight})
     return {name: float(weight) for name, weight in given.items()}
-
-
-def as_list(name: str, given: object) -> tuple[Any, ...]:
-    """Return one or more values as a tuple."""
-    if isinstance(given, (str, bytes)) or not isinstance(given, Sequence) or not given:
-        raise InvalidValueError(f"{name} must be a list of values, got {given!r}")
-    return tuple(given)
-
-
-def as_range(name: str, given: object, least: float, most: float) -> tuple[float, float]:
-    """Return the ends of a range in [least, most]."""
-    first, last = _ends(name, given, lambda end: require_between(least, most, **{name: end}))
-    return float(first), float(last)
-
-
-def as_count_range(name: str, given: object) -> tuple[int, int]:
-    """Return the ends of a range of counts."""
-    first, last = _ends(name, given, lambda end: require_count(0, **{name: end}))
-    return int(first), int(last)
-
-
-def _ends(name: str, given: object, require: Callable[[Any], object]) -> tuple[Any, Any]:
-    ends = as_list(name, given)
-    for end in ends:
-        require(end)
-    if len(ends) != 2 or ends[0] > ends[1]:
-        raise InvalidValueError(f"{name} must be a pair of numbers, the smaller first, got {list(ends)}")
-    return ends[0], ends[1]

@@ -12,7 +12,7 @@ from coopsim.data.recordings.recorded_scene import count_points_in
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.clip import AgentScene, Clip, Scene
-from coopsim.learn.samples.sample_frames import boxes_in, joined, mirror, moved, noisy, sweeps_of, thin
+from coopsim.learn.samples.sample_frames import boxes_in, joined, mirror, moved, noisy, sweeps_of, thin, tilt
 from coopsim.learn.samples.targets import Targets, join_targets, make_targets
 from coopsim.localization.odometry import Points
 from coopsim.nn.detector.encoder import STRIDE
@@ -43,6 +43,8 @@ class SampleSettings:
             `sparse` are shares of the others.
         receivers: most agents of a fused sample whose view is taught, drawn anew for each; None: every agent. The
             others send: a costly fusion is trained on as many scenes in less time.
+        tilt_deg: standard deviation of pitch and roll of the agent, as when it brakes, turns or climbs, drawn anew for
+            each sample of stage A: points and boxes tilt together.
         quickest: largest factor on the speed of clips of queries and integrated tracking, drawn anew for each use, with
             at least 0.1 s between two scenes: the traffic of towns is then as fast as that of motorways.
     """
@@ -62,6 +64,7 @@ class SampleSettings:
     clean: float = 0.0
     receivers: int | None = None
     quickest: float = 1.0
+    tilt_deg: float = 0.0
 
     def __post_init__(self) -> None:
         require_positive(reach_m=self.reach_m)
@@ -69,7 +72,7 @@ class SampleSettings:
             require_count(8, crop_cells=self.crop_cells)
         if self.receivers is not None:
             require_count(1, receivers=self.receivers)
-        require_between(0, 10, noise_m=self.noise_m, noise_deg=self.noise_deg)
+        require_between(0, 10, noise_m=self.noise_m, noise_deg=self.noise_deg, tilt_deg=self.tilt_deg)
         require_between(1, 10, quickest=self.quickest)
         require_probability(
             merged=self.merged, thinned=self.thinned, single=self.single, mirrored=self.mirrored, noisy=self.noisy,
@@ -135,17 +138,21 @@ def _sample(
     points = np.concatenate(
         [_cloud(scene.agents[each], cloud_of(each), each == number, frame, rng, settings) for each in members]
     )
-    shown = scene.returns[:, members].sum(axis=1) > 0  # the agent itself too, where others see it
-    boxes, velocity = boxes_in(scene.boxes[shown], scene.velocity[shown], frame)
+    shown = np.flatnonzero(scene.returns[:, members].sum(axis=1))  # the agent itself too, where others see it
+    doubts = np.zeros((0, 7)) if scene.doubtful is None else scene.doubtful
+    boxes = np.concatenate([scene.boxes[shown], doubts])
+    velocity = np.concatenate([scene.velocity[shown], np.zeros((len(doubts), 2))])
+    boxes, velocity = boxes_in(boxes, velocity, frame)
     if rng.random() < settings.mirrored:
         mirror(points, boxes, velocity)
-    grid = _part(boxes, rng, settings, cell_m)
+    if settings.tilt_deg > 0:
+        tilt(points, boxes, np.deg2rad(settings.tilt_deg) * rng.standard_normal(2))
+    grid = _part(boxes[: len(shown)], rng, settings, cell_m)
     left = points_left(points, boxes, grid)
-    label = scene.label[shown]
-    targets = make_targets(
-        boxes[left > 0], velocity[left > 0], label[left > 0], grid.coarser(STRIDE), (left < LEAST_POINTS)[left > 0],
-        moves=moves,
-    )  # fmt: skip
+    unlabelled = np.arange(len(boxes)) >= len(shown)
+    kept, doubtful = (left > 0) | unlabelled, (left < LEAST_POINTS) | unlabelled
+    label = np.append(scene.label[shown], np.zeros(len(doubts), np.int64))
+    targets = make_targets(boxes[kept], velocity[kept], label[kept], grid.coarser(STRIDE), doubtful[kept], moves=moves)
     return DetectorSample(pillarize(points, grid), targets)
 
 

@@ -75,6 +75,12 @@ def mirror(points: Points, boxes: Floats, velocity: Floats) -> None:
     velocity[:, 1] *= -1
 
 
+def tilt(points: Points, boxes: Floats, slope: Floats) -> None:
+    """Raise points and boxes by these slopes (2,) along x and y, in place: what an agent sees that tilts a little."""
+    points[:, 2] += (points[:, :2] @ slope).astype(np.float32)
+    boxes[:, 2] += boxes[:, :2] @ slope
+
+
 def rotated(xy: Floats, angle_rad: float) -> Floats:
     """Return points of the plane (N, 2), turned."""
     cos, sin = np.cos(angle_rad), np.sin(angle_rad)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from coopsim.geometry.se3 import SE3, Floats, rotation_about
+from coopsim.sensors.lidar.blooming import bloom
 from coopsim.sensors.lidar.patterns import BeamPattern
 from coopsim.sensors.scene import STATIC_ID, Singles, Triangles
 from coopsim.support.checks import require_between, require_non_negative, require_positive, require_probability
@@ -22,6 +23,7 @@ from coopsim.world.models.parts import GLASS
 
 MOST_TILT_RAD = 0.2
 _INSIDE_M, _INSIDE_ALBEDO = (0.2, 1.6), 0.15  # seats, people, the far doors, through two panes; assumed by us
+_TRUE_AT_M, _LEAST_RANGE_M = 15.0, 1.0  # range at which `fade` changes nothing, and below which it changes no more
 _MOST_SHARE = 0.5  # of the way to a neighbouring ray: a beam that is wider overlaps it
 
 
@@ -48,11 +50,16 @@ class Imperfections:
         speckle: standard deviation of the logarithm of a return's energy: unevenly coloured surfaces and speckle.
         gain: factor on reported intensities: data sets scale them differently.
         gamma: exponent of reported intensities, applied before `gain`.
+        offset: added to reported intensities last, in [0, 1].
+        fade: how reported intensities fall with the range r, as (r / 15 m)^-`fade`, in [-2, 2]: sensors correct for it
+            too little or too much. 0: rightly.
         turn_s: time of a revolution, in [0, 1] s. Points on moving actors are moved to where these were when the beam
             fired; what hides what stays that of one time. `LidarConfig.turn_s` casts exactly, at more cost.
         stamp: moment of the revolution at which the sweep is dated, in [0, 1]; 1: its end.
         uncorrected: share of the agent's own motion that is not taken out of the points, in [-1, 1].
         second_unit: beams from this number on belong to a second unit, half a revolution behind; 0: there is one unit.
+        bloom_rad: angle over which the stray light around a retro-reflector falls to 1/e, in [0, 0.02]; 0: there is
+            none (`coopsim.sensors.lidar.blooming`).
     """
 
     roll_rad: float = 0.0
@@ -71,13 +78,18 @@ class Imperfections:
     stamp: float = 1.0
     uncorrected: float = 0.0
     second_unit: int = 0
+    offset: float = 0.0
+    fade: float = 0.0
+    bloom_rad: float = 0.0
 
     def __post_init__(self) -> None:
         require_between(-MOST_TILT_RAD, MOST_TILT_RAD, roll_rad=self.roll_rad, pitch_rad=self.pitch_rad)
         require_between(-1, 1, up_m=self.up_m, uncorrected=self.uncorrected)
         require_between(0, 0.1, edge_rad=self.edge_rad)
         require_between(0, 1, turn_s=self.turn_s)
-        require_between(0, 0.02, beam_rad=self.beam_rad)
+        require_between(0, 0.02, beam_rad=self.beam_rad, bloom_rad=self.bloom_rad)
+        require_between(0, 1, offset=self.offset)
+        require_between(-2, 2, fade=self.fade)
         require_probability(lost_share=self.lost_share, through=self.through, stamp=self.stamp)
         require_seed(self.unit)
         require_non_negative(falloff=self.falloff, speckle=self.speckle, second_unit=self.second_unit)
@@ -105,16 +117,17 @@ class Imperfections:
         self,
         echoes: tuple[Singles, Singles, Ints],
         triangles: Triangles,
-        columns: int,
+        beams: BeamPattern,
         pulse_m: float,
         rng: np.random.Generator,
     ) -> tuple[Singles, Singles, Ints]:
         """Return range (m), share of light thrown back, and face of all rays, (R,) each, beam by beam.
 
-        Adds windows, edges, speckle and losses. Every call takes the same number of draws for the same number of rays.
+        Adds windows, edges, blooming, speckle and losses. Every call takes the same number of draws for as many rays.
         """
         range_m, bounced, face = echoes
         rays = len(range_m)
+        columns = rays // len(beams.elevation_rad)
         at, kept = rng.random(rays, np.float32), rng.random(rays, np.float32)
         bright = np.exp(np.float32(self.speckle) * rng.standard_normal(rays, np.float32))
         if self.through > 0:
@@ -123,15 +136,21 @@ class Imperfections:
         reach = min(self.edge_rad / 2 / (2 * np.pi / columns), _MOST_SHARE)
         worse = np.empty_like(range_m), np.empty_like(bounced), np.empty_like(face)
         _mix(range_m, bounced, face, at, columns, reach, pulse_m, worse)
+        if self.bloom_rad > 0:
+            bloom(worse, triangles.reflectivity, beams, self.bloom_rad)
         worse[1][:] *= bright
         worse[0][kept < self.lost_share] = np.inf
         return worse
 
-    def report(self, intensity: Singles) -> Singles:
-        """Return the intensities (N,) that the sensor reports."""
-        if self.gain == self.gamma == 1.0:
+    def report(self, intensity: Singles, away_m: Singles) -> Singles:
+        """Return the intensities (N,) that the sensor reports of points this far away (N, 3)."""
+        if self.gain == self.gamma == 1.0 and self.offset == self.fade == 0.0:
             return intensity
-        reported: Singles = np.minimum(np.float32(self.gain) * intensity ** np.float32(self.gamma), np.float32(1.0))
+        scaled = np.float32(self.gain) * intensity ** np.float32(self.gamma)
+        if self.fade != 0.0:
+            range_m = np.maximum(np.linalg.norm(away_m, axis=1), np.float32(_LEAST_RANGE_M))
+            scaled *= (range_m / np.float32(_TRUE_AT_M)) ** np.float32(-self.fade)
+        reported: Singles = np.minimum(scaled + np.float32(self.offset), np.float32(1.0))
         return reported
 
     def drag(

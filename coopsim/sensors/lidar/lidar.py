@@ -189,7 +189,7 @@ class Lidar:
         none = np.zeros(0, np.float32)
         clutter = (none, none) if self._clutter is None else self._clutter.draw(rays, rng)
         if flaws is not None:
-            echoes = flaws.worsen(echoes, scene.triangles, self.config.columns, self.config.pulse_m, rng)
+            echoes = flaws.worsen(echoes, scene.triangles, self._patterns[0], self.config.pulse_m, rng)
         points, intensity, beam, instance = receive(
             self._optics,
             Echoes(*echoes, *clutter),
@@ -200,7 +200,7 @@ class Lidar:
             revolution.sensor_poses(world_SE3_base, told),
         )
         if flaws is not None:
-            intensity = flaws.report(intensity)
+            intensity = flaws.report(intensity, points - told.translation.astype(np.float32))
             flaws.drag(points, beam, instance, scene.triangles, world_SE3_base, told.translation, own_id)
         return Sweep(points, intensity, beam, instance)
 

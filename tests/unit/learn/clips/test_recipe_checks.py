@@ -3,7 +3,8 @@ from __future__ import annotations
 import pytest
 
 from coopsim.errors import InvalidValueError
-from coopsim.learn.clips.world_recipe import as_count_range, as_lidar_weights, as_range
+from coopsim.learn.clips.ranges import as_count_range, as_range
+from coopsim.learn.clips.world_recipe import as_lidar_weights
 
 
 def test_ends_of_ranges_become_numbers_of_one_kind() -> None:

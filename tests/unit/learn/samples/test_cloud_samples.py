@@ -6,7 +6,7 @@ import torch
 
 from coopsim.learn.clips.clip import AgentScene, Clip, Scene
 from coopsim.learn.samples.cloud_samples import SampleSettings, collate_detector, detector_samples
-from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, noisy, rotated, sweeps_of
+from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, noisy, rotated, sweeps_of, tilt
 from coopsim.nn.detector.decode import cell_centers
 from coopsim.types import BevGrid
 
@@ -150,3 +150,18 @@ def test_two_sweeps_tell_how_objects_move_and_one_does_not() -> None:
     assert 0 < sum(aged) < len(aged) - 3
     for sample, two in zip(samples, aged, strict=True):
         assert (sample.targets.moves == float(two)).all()
+
+
+def test_points_and_boxes_tilt_together_and_only_where_asked_for() -> None:
+    points = np.float32([[20.0, 5.0, 1.0, 0.5, 0.0], [-30.0, 8.0, 0.0, 0.5, 0.0]])
+    boxes = np.array([[20.0, 5.0, 1.0, 4.0, 2.0, 1.5, 0.3]])
+    tilt(points, boxes, np.array([0.02, -0.01]))
+    assert points[:, 2] == pytest.approx([1.35, -0.68]) and boxes[0, 2] == pytest.approx(1.35)
+    level, tilted = (
+        detector_samples(clip(1), np.random.default_rng(0), SampleSettings(tilt_deg=tilt_deg))
+        for tilt_deg in (0.0, 2.0)
+    )
+    heights = [[sample.targets.code[:, 2] for sample in samples] for samples in (level, tilted)]
+    assert any(
+        one.shape != other.shape or (one - other).abs().max() > 0.05 for one, other in zip(*heights, strict=True)
+    )

@@ -173,8 +173,37 @@ def test_reported_intensity_follows_gain_and_gamma() -> None:
     np.testing.assert_allclose(scaled.intensity, np.minimum(0.5 * np.sqrt(ideal.intensity), 1), rtol=1e-5)
 
 
+def test_reported_intensity_follows_offset_and_range() -> None:
+    ideal, scaled = sense(None, [ground()]), sense(Imperfections(offset=0.1, fade=1.0), [ground()])
+    away_m = np.linalg.norm(ideal.points - [0.0, 0.0, SENSOR_M], axis=1)
+    np.testing.assert_allclose(scaled.intensity, ideal.intensity * 15.0 / away_m + 0.1, rtol=1e-4)
+
+
+def test_a_retro_reflector_blooms_over_what_is_behind_it_and_matt_paint_does_not() -> None:
+    """A plate of 0.6 m by 0.5 m at 10 m, at the sensor's height, and a dark wall behind it at 20 m."""
+    rows, skirt_rad = BeamPattern("rows", np.arange(-12, 13) * 0.003), 0.002
+    wall = box_part([21, 0, 5], (2, 40, 10), reflectivity=0.3)
+
+    def sights(reflectivity: float, skirt_rad: float) -> np.ndarray:
+        plate = box_part([10.05, 0, SENSOR_M], (0.1, 0.6, 0.5), reflectivity=reflectivity)
+        points = sense(Imperfections(bloom_rad=skirt_rad), [wall, plate], pattern=rows).points
+        return points[points[:, 0] < 15]
+
+    crisp, bloomed = sights(220.0, 0.0), sights(220.0, skirt_rad)
+    beyond = (np.abs(bloomed[:, 1:] - [0.0, SENSOR_M]) - [0.3, 0.25]).max(axis=1)
+    assert len(bloomed) > 1.3 * len(crisp) and beyond.max() > 2 * skirt_rad * 10
+    assert (
+        beyond.max() < 5.2 * skirt_rad * 10
+        and np.abs(np.linalg.norm(bloomed - [0, 0, SENSOR_M], axis=1) - 10).max() < 0.05
+    )
+    np.testing.assert_array_equal(sights(0.9, skirt_rad), sights(0.9, 0.0))
+
+
 def test_wrong_values_are_refused() -> None:
     wrongs: list[dict[str, Any]] = [
+        {"offset": 1.5},
+        {"fade": 3.0},
+        {"bloom_rad": -0.1},
         {"roll_rad": 1.0},
         {"lost_share": 1.5},
         {"gain": 0.0},
