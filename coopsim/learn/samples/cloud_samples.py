@@ -16,7 +16,7 @@ from coopsim.learn.samples.sample_frames import boxes_in, joined, mirror, moved,
 from coopsim.learn.samples.targets import Targets, join_targets, make_targets
 from coopsim.localization.odometry import Points
 from coopsim.nn.detector.encoder import STRIDE
-from coopsim.nn.detector.pillars import GroundSettings, PillarBatch, Pillars, collate, pillarize
+from coopsim.nn.detector.pillars import GroundSettings, PillarBatch, Pillars, PillarSettings, collate, pillarize
 from coopsim.nn.inference.canvas import REACH_M
 from coopsim.support.checks import require_between, require_count, require_positive, require_probability
 from coopsim.types import BevGrid, Ints
@@ -94,7 +94,12 @@ class DetectorBatch:
 
 
 def detector_samples(
-    clip: Clip, rng: np.random.Generator, settings: SampleSettings, cell_m: float = 0.6, sweeps: int = 1
+    clip: Clip,
+    rng: np.random.Generator,
+    settings: SampleSettings,
+    cell_m: float = 0.6,
+    sweeps: int = 1,
+    pillars: PillarSettings | None = None,
 ) -> list[DetectorSample]:
     """Return a sample for each agent in each scene of a clip, in pillars of edge `cell_m`; sweeps: see `sweeps_of`."""
     samples = []
@@ -104,7 +109,8 @@ def detector_samples(
                 continue
             double = sweeps == 2 and joined(clip, k) and rng.random() >= settings.single
             cloud_of = partial(sweeps_of, clip, k, sweeps=1 + double)
-            samples.append(_sample(scene, number, cloud_of, rng, settings, cell_m, moves=double or sweeps == 1))
+            moves = double or sweeps == 1
+            samples.append(_sample(scene, number, cloud_of, rng, settings, cell_m, pillars, moves=moves))
     return samples
 
 
@@ -122,6 +128,7 @@ def _sample(
     rng: np.random.Generator,
     settings: SampleSettings,
     cell_m: float,
+    pillars: PillarSettings | None,
     *,
     moves: bool,
 ) -> DetectorSample:
@@ -146,7 +153,7 @@ def _sample(
         boxes[left > 0], velocity[left > 0], label[left > 0], grid.coarser(STRIDE), (left < LEAST_POINTS)[left > 0],
         moves=moves,
     )  # fmt: skip
-    return DetectorSample(pillarize(points, grid), targets)
+    return DetectorSample(pillarize(points, grid, pillars), targets)
 
 
 LEAST_POINTS = 3
