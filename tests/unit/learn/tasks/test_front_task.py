@@ -114,5 +114,5 @@ def test_what_has_no_second_look_to_train_is_refused() -> None:
 
 def test_a_fusion_takes_no_second_look_that_nobody_trains() -> None:
     untrained = recipe().changed(start=None, kind="cooperative", network={"fusion": "attfuse", "head": "turned"})
-    with pytest.raises(InvalidValueError, match="network head must not be"):
+    with pytest.raises(InvalidValueError, match='network head must be "centre"'):
         CooperativeTask(untrained, 0)

@@ -24,7 +24,7 @@ SHAPES: dict[str, Shape] = {
 
 
 def street(shape: Shape) -> tuple[np.ndarray, Floats]:
-    """Return points (P, 5) of a street with parked cars that hide the ground, walls and reflections; its ground (P,)."""
+    """Return points (P, 5) of a street, with cars that hide the ground, walls and reflections; and its ground (P,)."""
     rng = np.random.default_rng(0)
     ground = np.column_stack([rng.uniform(-60, 60, (20_000, 2)), rng.normal(0, 0.02, 20_000)])
     ground = ground[rng.random(20_000) < np.clip(10 / np.hypot(*ground[:, :2].T), 0, 1) ** 1.5]
