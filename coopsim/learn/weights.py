@@ -52,6 +52,9 @@ NETWORKS: Mapping[str, tuple[type[Any], Callable[[Any], nn.Module]]] = {
 
 _SHIPPED = Path(coopsim.__file__).parent / "weights"
 _LOADED = 24
+_LATER_OPTIONS = {"layout": "dense", "ground": "smooth", "bands_m": (), "apart": False}
+"""Options of encoders that older files do not say, with what these have."""
+
 _DECIDES = ("kind", "config", "classes", "encoder_digest")
 """Texts of a file that are part of its digest."""
 
@@ -249,8 +252,9 @@ def digest(name_or_path: str | Path) -> str:
 def encoder_digest(detector: DetectorNet) -> str:
     """Return 64 hexadecimal digits that differ for any other encoder, as it is in a file."""
     config = asdict(detector.config)
-    if config["layout"] == "dense":
-        del config["layout"]  # which files of before the sparse layout do not say
+    for name, usual in _LATER_OPTIONS.items():
+        if config[name] == usual:
+            del config[name]
     if config["head"] == "turned":
         config["head"] = "centre"  # the second look was added later to heads on the same encoders
     found = hashlib.sha256(_json(config).encode())

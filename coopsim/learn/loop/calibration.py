@@ -26,6 +26,9 @@ RIGHT_IOU = (0.5, 0.3, 0.3)
 _PRIOR = 2.0
 """Weight of the identity against the boxes, as that of a few of them. Without any, scores stay as they are."""
 
+_LEAST_SLOPE = 0.05
+"""A box of a higher score stays above another one, even where a few boxes say otherwise by chance."""
+
 _BINS = 10
 _NEWTON_STEPS = 30
 
@@ -81,7 +84,10 @@ def _graded_map(each: FoundMap) -> Graded:
 
 
 def fit(boxes: Graded) -> Floats:
-    """Return slope and shift (3, 2) of each group by Newton's method, pulled towards slope 1 and shift 0."""
+    """Return slope and shift (3, 2) of each group by Newton's method, pulled towards slope 1 and shift 0.
+
+    Slopes are positive, so that calibrated scores keep their order.
+    """
     group, logit, right = boxes
     lines = np.array([[1.0, 0.0]] * len(GROUPS))
     for number, line in enumerate(lines):
@@ -91,7 +97,9 @@ def fit(boxes: Graded) -> Floats:
             p = 1 / (1 + np.exp(-columns @ line))
             slope = columns.T @ (p - right[mine]) + _PRIOR * (line - [1.0, 0.0])
             curvature = (columns * (p * (1 - p))[:, None]).T @ columns + _PRIOR * np.eye(2)
-            line -= np.linalg.solve(curvature, slope)
+            free = [1] if line[0] <= _LEAST_SLOPE and slope[0] > 0 else [0, 1]
+            line[free] -= np.linalg.solve(curvature[np.ix_(free, free)], slope[free])
+            line[0] = max(line[0], _LEAST_SLOPE)
     return lines
 
 

@@ -162,7 +162,7 @@ def foreground_loss(levels: Sequence[Foreground], heat: Tensor, objects: int) ->
 
 def require_fitting(teacher: DetectorNet, detector: DetectorNet) -> None:
     """Check that a teacher's features can be compared with those of a fusion on a detector."""
-    for name in ("features", "cell_m", "sweeps"):
+    for name in ("features", "cell_m", "sweeps", "pillars"):
         one, other = getattr(teacher.config, name), getattr(detector.config, name)
         if one != other:
             raise InvalidValueError(f"teacher must have the detector's {name}, {other}, has {one}")

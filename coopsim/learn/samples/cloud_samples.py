@@ -16,7 +16,7 @@ from coopsim.learn.samples.sample_frames import boxes_in, joined, mirror, moved,
 from coopsim.learn.samples.targets import Targets, join_targets, make_targets
 from coopsim.localization.odometry import Points
 from coopsim.nn.detector.encoder import STRIDE
-from coopsim.nn.detector.pillars import GroundSettings, PillarBatch, Pillars, collate, pillarize
+from coopsim.nn.detector.pillars import GroundSettings, PillarBatch, Pillars, PillarSettings, collate, pillarize
 from coopsim.nn.inference.canvas import REACH_M
 from coopsim.support.checks import require_between, require_count, require_positive, require_probability
 from coopsim.types import BevGrid, Ints
@@ -97,7 +97,12 @@ class DetectorBatch:
 
 
 def detector_samples(
-    clip: Clip, rng: np.random.Generator, settings: SampleSettings, cell_m: float = 0.6, sweeps: int = 1
+    clip: Clip,
+    rng: np.random.Generator,
+    settings: SampleSettings,
+    cell_m: float = 0.6,
+    sweeps: int = 1,
+    pillars: PillarSettings | None = None,
 ) -> list[DetectorSample]:
     """Return a sample for each agent in each scene of a clip, in pillars of edge `cell_m`; sweeps: see `sweeps_of`."""
     samples = []
@@ -107,7 +112,8 @@ def detector_samples(
                 continue
             double = sweeps == 2 and joined(clip, k) and rng.random() >= settings.single
             cloud_of = partial(sweeps_of, clip, k, sweeps=1 + double)
-            samples.append(_sample(scene, number, cloud_of, rng, settings, cell_m, moves=double or sweeps == 1))
+            moves = double or sweeps == 1
+            samples.append(_sample(scene, number, cloud_of, rng, settings, cell_m, pillars, moves=moves))
     return samples
 
 
@@ -125,6 +131,7 @@ def _sample(
     rng: np.random.Generator,
     settings: SampleSettings,
     cell_m: float,
+    pillars: PillarSettings | None,
     *,
     moves: bool,
 ) -> DetectorSample:
@@ -153,7 +160,7 @@ def _sample(
     kept, doubtful = (left > 0) | unlabelled, (left < LEAST_POINTS) | unlabelled
     label = np.append(scene.label[shown], np.zeros(len(doubts), np.int64))
     targets = make_targets(boxes[kept], velocity[kept], label[kept], grid.coarser(STRIDE), doubtful[kept], moves=moves)
-    return DetectorSample(pillarize(points, grid), targets)
+    return DetectorSample(pillarize(points, grid, pillars), targets)
 
 
 LEAST_POINTS = 3

@@ -18,7 +18,7 @@ from coopsim.learn.samples.targets import Targets, make_targets
 from coopsim.localization.odometry import Points
 from coopsim.nn.cooperative.perceiver import KINDS
 from coopsim.nn.detector.encoder import STRIDE
-from coopsim.nn.detector.pillars import PillarBatch, Pillars, collate, pillarize
+from coopsim.nn.detector.pillars import PillarBatch, Pillars, PillarSettings, collate, pillarize
 from coopsim.nn.inference.canvas import way_to_world_cells
 from coopsim.types import BevGrid, Ints
 
@@ -90,6 +90,7 @@ def scene_samples(
     cell_m: float = 0.6,
     sweeps: int = 1,
     *,
+    pillars: PillarSettings | None = None,
     taught: bool = False,
     draft: Callable[..., SceneDraft] | None = None,
 ) -> list[Any]:
@@ -103,6 +104,7 @@ def scene_samples(
         settings: options.
         cell_m: edge of a pillar.
         sweeps: frames that the network is given, see `sweeps_of`.
+        pillars: rule by which points are gathered; None: the default.
         taught: add the merged points of all agents, for a teacher.
         draft: kind of draft that makes the samples; None: `SceneDraft`.
     """
@@ -111,7 +113,7 @@ def scene_samples(
         drawn = [k for k in range(len(scene.agents)) if rng.random() >= settings.dropout]
         members = [k for k in drawn if len(scene.agents[k].points)]
         if len(members) > 1:
-            begun = (draft or SceneDraft)(clip, number, members, rng, settings, cell_m, sweeps, taught)
+            begun = (draft or SceneDraft)(clip, number, members, rng, settings, cell_m, sweeps, taught, pillars)
             samples.append(begun.sample())  # all drafts share a stream: each is finished before the next
     return samples
 
@@ -136,9 +138,10 @@ class SceneDraft:
         cell_m: float,
         sweeps: int,
         taught: bool = False,
+        pillars: PillarSettings | None = None,
     ) -> None:
         self.clip, self.number, self.members, self.rng, self.settings = clip, number, members, rng, settings
-        self.sweeps, self.taught = sweeps, taught
+        self.sweeps, self.taught, self.pillars = sweeps, taught, pillars
         self.pillar_grid = BevGrid(*2 * ((-settings.reach_m, settings.reach_m),), cell_m)
         self.grid = self.pillar_grid.coarser(STRIDE)
         self.clean = settings.clean > 0 and rng.random() < settings.clean
@@ -205,7 +208,7 @@ class SceneDraft:
         boxes, velocity = boxes_in(scene.boxes[shown], scene.velocity[shown], frame)
         if self.mirrored:
             mirror(points, boxes, velocity)
-        self.clouds.append(pillarize(points, self.pillar_grid))
+        self.clouds.append(pillarize(points, self.pillar_grid, self.pillars))
         left = points_left(points, boxes, self.pillar_grid)
         self.left.append(dict(zip(scene.object_id[shown].tolist(), left.tolist(), strict=True)))
         self.seen.append(_taught(boxes, velocity, scene.label[shown], left, self.grid))
@@ -248,8 +251,10 @@ class SceneDraft:
         """Return the merged cloud in a part of a receiver's map; None without teacher."""
         if not self.taught:
             return None
-        frame, sweeps = self.frames[own], self.sweeps
-        return merged_cloud(self.clip, self.number, self.members, frame, grid, sweeps=sweeps, mirrored=self.mirrored)
+        return merged_cloud(
+            self.clip, self.number, self.members, self.frames[own], grid, self.pillars,
+            sweeps=self.sweeps, mirrored=self.mirrored,
+        )  # fmt: skip
 
     def age(self) -> int:
         """Draw the delay of a sender's messages in scenes: all receivers get the same ones."""
@@ -281,7 +286,15 @@ def _taught(boxes: Floats, velocity: Floats, label: Ints, left: Ints, grid: BevG
 
 
 def merged_cloud(
-    clip: Clip, number: int, members: Sequence[int], frame: Floats, grid: BevGrid, *, sweeps: int, mirrored: bool
+    clip: Clip,
+    number: int,
+    members: Sequence[int],
+    frame: Floats,
+    grid: BevGrid,
+    pillars: PillarSettings | None = None,
+    *,
+    sweeps: int,
+    mirrored: bool,
 ) -> PillarBatch:
     """Return the cloud that a teacher sees: the points of all members in a scene, moved without error.
 
@@ -293,4 +306,4 @@ def merged_cloud(
     )
     if mirrored:
         mirror(points, np.zeros((0, 7)), np.zeros((0, 2)))
-    return collate([pillarize(points, BevGrid(grid.x_m, grid.y_m, grid.cell_m / STRIDE))])
+    return collate([pillarize(points, BevGrid(grid.x_m, grid.y_m, grid.cell_m / STRIDE), pillars)])

@@ -132,7 +132,8 @@ def encode_clip(
             x_m, y_m = way_to_world_cells(place, STRIDE * detector.config.cell_m)
             reach_m = settings.reach_m
             canvas = BevGrid((x_m - reach_m, x_m + reach_m), (y_m - reach_m, y_m + reach_m), detector.config.cell_m)
-            features = detector.encoder(to_device(collate([pillarize(points, canvas)]), device)).float()
+            pillars = pillarize(points, canvas, detector.config.pillars)
+            features = detector.encoder(to_device(collate([pillars]), device)).float()
             map_ = see(features, canvas.coarser(STRIDE))
             seen.append(replace(map_, features=map_.features.half()))
             places.append([*place, agent.xyz_yaw[2]])

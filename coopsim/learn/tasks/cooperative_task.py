@@ -97,7 +97,10 @@ class CooperativeTask(TrainingTask):
         self, clip: Clip, rng: np.random.Generator, settings: SampleSettings, *, taught: bool
     ) -> Sequence[Any]:
         config = self.detector.config
-        return scene_samples(clip, rng, settings, config.cell_m, config.sweeps, taught=taught, draft=self.draft)
+        return scene_samples(
+            clip, rng, settings, config.cell_m, config.sweeps,
+            pillars=config.pillars, taught=taught, draft=self.draft,
+        )  # fmt: skip
 
     def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
         assert isinstance(net, CooperativeNet)

@@ -37,7 +37,7 @@ class DetectorTask(TrainingTask):
         self._settings = load(SampleSettings, recipe.samples, "samples")
         self.net = first_net(recipe.changed(kind="detector"), seed)
         if recipe.kind == "detector" and recipe.start is None and self.net.config.head == "turned":
-            raise InvalidValueError('network head must be "centre" or "judged": kind: front makes a "turned" one of it')
+            raise InvalidValueError('network head must not be "turned" without start: kind: front makes one')
         self.metadata = weights_metadata("detector", self.net.config)
         times_s = tuple(recipe.world.get("sweep_s", ())) + tuple(recipe.world.get("dt_s", WorldRecipe().dt_s))
         if self.net.config.sweeps > 1 and min(times_s) > LONGEST_S:
@@ -48,14 +48,18 @@ class DetectorTask(TrainingTask):
             )
 
     def cut(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
-        return detector_samples(clip, rng, self._settings, self.net.config.cell_m, self.net.config.sweeps)
+        return self._samples(clip, rng, self._settings)
 
     def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
         merged = round(self._settings.merged)
         settings = replace(
             self._settings, merged=merged, thinned=0.0, single=0.0, mirrored=0.0, dropout=0.0, crop_cells=None
         )
-        return detector_samples(clip, rng, settings, self.net.config.cell_m, self.net.config.sweeps)
+        return self._samples(clip, rng, settings)
+
+    def _samples(self, clip: Clip, rng: np.random.Generator, settings: SampleSettings) -> Sequence[Any]:
+        config = self.net.config
+        return detector_samples(clip, rng, settings, config.cell_m, config.sweeps, config.pillars)
 
     def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
         assert isinstance(net, DetectorNet)

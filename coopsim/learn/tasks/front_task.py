@@ -60,7 +60,7 @@ class FrontTask(TrainingTask):
         if kind not in _KINDS:
             raise InvalidValueError(f"start must be weights of the kind {' or '.join(_KINDS)}, is {kind!r}")
         given = load_network(kind, recipe.start)
-        if given.config.head == "judged":
+        if given.config.head in ("judged", "street"):
             raise InvalidValueError(f"start {recipe.start!r} has a second look that is trained with kind: {kind}")
         inner = recipe.changed(start=None, network={**asdict(given.config), "head": "turned"})
         self._maps: DetectorTask | CooperativeTask = (

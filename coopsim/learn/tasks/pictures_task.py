@@ -145,7 +145,7 @@ def _features(
 
 def _require_same_maps(config: LiftSplatConfig, detector: DetectorNet) -> None:
     """Check that maps of pictures are of the sizes of a detector's."""
-    for name in ("cell_m", "pillar_features", "channels", "layers", "features"):
+    for name in ("cell_m", "pillar_features", "channels", "layers", "features", "pillars"):
         mine, other = getattr(config.maps, name), getattr(detector.config, name)
         if mine != other:
             raise InvalidValueError(f"the network must have the detector's {name}, {other}, has {mine}")

@@ -33,7 +33,8 @@ LOG_VARIANCE = slice(12, 19)
 CODE = 19
 """All numbers of a predicted code."""
 
-_VELOCITY_SCALE = 10.0
+VELOCITY_SCALE = 10.0
+"""Velocities in codes are in so many m/s."""
 
 
 def size_priors(device: torch.device | str = "cpu") -> Tensor:
@@ -67,7 +68,12 @@ def encode_boxes(boxes: Tensor, velocity: Tensor, label: Tensor, center_m: Tenso
     size = torch.log(boxes[:, 3:6] / size_priors(boxes.device)[label])
     turned = [torch.cos(2 * yaw), torch.sin(2 * yaw), torch.cos(yaw), torch.sin(yaw)]
     offset = (boxes[:, :2] - center_m) / cell_m
-    return torch.cat([offset, boxes[:, 2:3], size, *turned, velocity / _VELOCITY_SCALE], dim=1).float()
+    return torch.cat([offset, boxes[:, 2:3], size, *turned, velocity / VELOCITY_SCALE], dim=1).float()
+
+
+def front_logits(code: Tensor, yaw: Tensor) -> Tensor:
+    """Return the logits (N,) of fronts lying in the directions `yaw` (N,), of codes (N, >= 12) of a `StreetHead`."""
+    return torch.cos(yaw) * code[:, 8] + torch.sin(yaw) * code[:, 9]
 
 
 def decode_boxes(code: Tensor, label: Tensor, center_m: Tensor, cell_m: float) -> tuple[Tensor, Tensor]:
@@ -77,12 +83,11 @@ def decode_boxes(code: Tensor, label: Tensor, center_m: Tensor, cell_m: float) -
     the prediction of its axis wavers.
     """
     axis = 0.5 * torch.atan2(code[:, 7], code[:, 6])
-    ahead = torch.cos(axis) * code[:, 8] + torch.sin(axis) * code[:, 9]
-    yaw = torch.where(ahead >= 0, axis, axis + torch.pi)
+    yaw = torch.where(front_logits(code, axis) >= 0, axis, axis + torch.pi)
     yaw = torch.atan2(torch.sin(yaw), torch.cos(yaw))
     size = size_priors(code.device)[label] * torch.exp(code[:, SIZE].clamp(-1.5, 1.5))
     boxes = torch.cat([center_m + code[:, OFFSET] * cell_m, code[:, HEIGHT], size, yaw[:, None]], dim=1)
-    return boxes, code[:, VELOCITY] * _VELOCITY_SCALE
+    return boxes, code[:, VELOCITY] * VELOCITY_SCALE
 
 
 def residuals(code: Tensor, target: Tensor, yaw: Tensor, cell_m: float) -> Tensor:
@@ -235,8 +240,19 @@ class JudgedHead(nn.Module):
         return turned_round(boxes, forward), torch.sigmoid(slope * logit + shift)
 
 
+class StreetHead(JudgedHead):
+    """A head that tells the front of a box as a class, and velocities at their full size.
+
+    Numbers 8 and 9 of its code, times the axis of a box as a vector, are the logit of "the front lies this way": it
+    changes its sign with the box, and no heading is a seam between the two classes. `decode_boxes` reads them as it
+    does a direction. How it is taught: `coopsim.learn.losses.street_losses`.
+    """
+
+
 def make_head(kind: str, channels: int) -> CentreHead | JudgedHead:
     """Return a head of one of `HEADS` with random weights."""
+    if kind == "street":
+        return StreetHead(channels)
     return JudgedHead(channels) if kind == "judged" else CentreHead(channels, turned=kind == "turned")
 
 

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from coopsim.errors import InvalidValueError
-from coopsim.nn.detector.pillars import POINT_FEATURES, PillarBatch
+from coopsim.nn.detector.pillars import POINT_FEATURES, GroundSettings, PillarBatch, PillarSettings
 from coopsim.support.checks import require_choice, require_count, require_positive
 
 STRIDE = 2
@@ -24,9 +24,13 @@ MOST_CHANNELS, _MOST_LAYERS = 1024, 32
 LAYOUTS = ("dense", "sparse")
 """Kinds of encoders: of all cells, or of those where points are."""
 
-HEADS = ("centre", "turned", "judged")
+HEADS = ("centre", "turned", "judged", "street")
 """Kinds of heads: files of weights name theirs. "turned" is "centre" with a second look at each box, for which of its
-ends is the front. "judged" computes where features are, and looks again for that and for how well the box fits."""
+ends is the front. "judged" computes where features are, and looks again for that and for how well the box fits.
+"street" is "judged" that is taught the front as a class, and velocities of what moves by themselves."""
+
+GROUNDS = ("smooth", "local")
+"""Rules of the ground: see `coopsim.nn.detector.ground` and `coopsim.nn.detector.local_ground`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +46,9 @@ class EncoderConfig:
         sweeps: number of sweeps that it is given: 1, or 2 (the one before is moved by odometry).
         head: one of `HEADS`.
         layout: one of `LAYOUTS`.
+        ground: one of `GROUNDS`, over which heights are measured.
+        bands_m: heights over it at which pillars are divided; each band has a maximum of its own.
+        apart: the sweep before has a maximum of its own, so that a pillar shows what came and what left.
     """
 
     cell_m: float = 0.6
@@ -52,6 +59,9 @@ class EncoderConfig:
     sweeps: int = 1
     head: str = "centre"
     layout: str = "dense"
+    ground: str = "smooth"
+    bands_m: tuple[float, ...] = ()
+    apart: bool = False
 
     def __post_init__(self) -> None:
         require_positive(cell_m=self.cell_m)
@@ -59,6 +69,10 @@ class EncoderConfig:
         require_count(1, 2, sweeps=self.sweeps)
         require_choice("head", self.head, HEADS)
         require_choice("layout", self.layout, LAYOUTS)
+        require_choice("ground", self.ground, GROUNDS)
+        object.__setattr__(self, "bands_m", self.pillars.bands_m)
+        if self.apart and self.sweeps == 1:
+            raise InvalidValueError("apart must be false with sweeps: 1, where there is no sweep before")
         for name in ("channels", "layers"):
             given = tuple(getattr(self, name))
             if len(given) != 3:
@@ -66,6 +80,11 @@ class EncoderConfig:
             least, most = (1, MOST_CHANNELS) if name == "channels" else (0, _MOST_LAYERS)
             require_count(least, most, **{f"{name}[{k}]": one for k, one in enumerate(given)})
             object.__setattr__(self, name, given)
+
+    @property
+    def pillars(self) -> PillarSettings:
+        """Rule by which the encoder's points are gathered."""
+        return PillarSettings(GroundSettings(local=self.ground == "local"), self.bands_m, self.apart)
 
 
 class MapEncoder(nn.Module):
@@ -104,21 +123,33 @@ class PointLayer(nn.Module):
         """Make the layers."""
         self.points = nn.Linear(POINT_FEATURES, config.pillar_features, bias=False)
         self.points_norm = nn.BatchNorm1d(config.pillar_features, eps=1e-3, momentum=0.05)
+        self.parts = config.pillars.parts
+        if self.parts > 1:
+            self.mix = nn.Linear(self.parts * config.pillar_features, config.pillar_features, bias=False)
+            self.mix_norm = nn.BatchNorm1d(config.pillar_features, eps=1e-3, momentum=0.05)
 
     def of_pillars(self, batch: PillarBatch) -> Tensor:
         """Return the features (M, pillar_features) of the pillars that have points, in float32."""
-        if not len(batch.features):
-            return batch.features.new_zeros(0, self.points.out_features)
-        each = functional.relu(self._normed(self.points(batch.features).float()))
-        return torch.segment_reduce(each, "max", lengths=batch.count, axis=0)
+        if self.parts == 1:
+            return self.of_parts(batch)
+        return functional.relu(_normed(self.mix_norm, self.mix(self.of_parts(batch)).float()))
 
-    def _normed(self, points: Tensor) -> Tensor:
-        """Return points (P, C), normalized; a single one has no statistics, and takes those of earlier ones."""
-        norm = self.points_norm
-        if len(points) > 1 or not self.training:
-            normed: Tensor = norm(points)
-            return normed
-        return functional.batch_norm(points, norm.running_mean, norm.running_var, norm.weight, norm.bias, eps=norm.eps)
+    def of_parts(self, batch: PillarBatch) -> Tensor:
+        """Return the features (M, B pillar_features) of the B parts of each pillar; zeros of those without points."""
+        if not len(batch.features):
+            return batch.features.new_zeros(len(batch.cell), self.parts * self.points.out_features)
+        each = functional.relu(_normed(self.points_norm, self.points(batch.features).float()))
+        if self.parts == 1:
+            return torch.segment_reduce(each, "max", lengths=batch.count, axis=0)
+        return torch.segment_reduce(each, "max", lengths=batch.count, axis=0, initial=0.0).view(len(batch.cell), -1)
+
+
+def _normed(norm: nn.Module, rows: Tensor) -> Tensor:
+    """Return rows (P, C), normalized; fewer than two have no statistics, and take those of earlier ones."""
+    if len(rows) > 1 or not norm.training or not isinstance(norm, nn.BatchNorm1d):
+        normed: Tensor = norm(rows)
+        return normed
+    return functional.batch_norm(rows, norm.running_mean, norm.running_var, norm.weight, norm.bias, eps=norm.eps)
 
 
 class PillarEncoder(MapEncoder, PointLayer):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -15,7 +16,8 @@ from torch import Tensor
 
 from coopsim.errors import InvalidValueError
 from coopsim.nn.detector.ground import surface
-from coopsim.support.checks import require_between, require_positive
+from coopsim.nn.detector.local_ground import local_ground
+from coopsim.support.checks import require_between, require_flag, require_positive
 from coopsim.support.kernels import njit
 from coopsim.types import BevGrid
 
@@ -33,14 +35,67 @@ class GroundSettings:
     Attributes:
         relief_m: the ground under a point is within this height of the smooth surface of `coopsim.nn.detector.ground`.
         above_m: points up to this height above the ground are dropped.
+        local: the ground is that of `coopsim.nn.detector.local_ground` instead, which has no relief.
     """
 
     relief_m: float = 0.25
     above_m: float = 0.15
+    local: bool = False
 
     def __post_init__(self) -> None:
         require_positive(above_m=self.above_m)
         require_between(0, 100, relief_m=self.relief_m)
+        require_flag(local=self.local)
+
+    def under(self, points: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
+        """Return the height (P,) m of the ground under points, and how far off it may be, m."""
+        return (local_ground(points), 0.0) if self.local else (surface(points), self.relief_m)
+
+
+MOST_BANDS = 8
+"""Largest number of parts of a pillar's height."""
+
+
+@dataclass(frozen=True, slots=True)
+class PillarSettings:
+    """Rule by which points are gathered.
+
+    A pillar has a part for each band of heights, and if `apart` one for each band and sweep. The points of a part know
+    nothing of those of another: what hangs over an object does not change what is gathered of the object.
+
+    Attributes:
+        ground: rule of the ground.
+        bands_m: heights over the ground, rising, at which pillars are divided; empty: they are not.
+        apart: points of the sweep before have parts of their own.
+    """
+
+    ground: GroundSettings = GroundSettings()
+    bands_m: tuple[float, ...] = ()
+    apart: bool = False
+
+    def __post_init__(self) -> None:
+        require_flag(apart=self.apart)
+        bands = as_bands("bands_m", self.bands_m)
+        object.__setattr__(self, "bands_m", bands)
+
+    @property
+    def parts(self) -> int:
+        """Number of parts of a pillar."""
+        return (len(self.bands_m) + 1) * (1 + self.apart)
+
+
+def as_bands(name: str, given: object) -> tuple[float, ...]:
+    """Return heights at which pillars are divided, as numbers.
+
+    Raises:
+        InvalidValueError: they are not positive, do not rise, or are too many.
+    """
+    if not isinstance(given, (tuple, list)) or len(given) >= MOST_BANDS:
+        raise InvalidValueError(f"{name} must be a list of up to {MOST_BANDS - 1} heights, got {given!r}")
+    require_positive(**{f"{name}[{k}]": each for k, each in enumerate(given)})
+    if any(low >= high for low, high in pairwise(given)):
+        raise InvalidValueError(f"{name} must rise, got {list(given)}")
+    return tuple(map(float, given))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,9 +103,9 @@ class Pillars:
     """The points of one cloud above ground, by pillar.
 
     Attributes:
-        features: (P, 10) float32 of each point, those of a pillar one after another.
-        count: (M,) int64 number of points of each pillar that has any.
-        cell: (M,) int64 its number, row x W + column, rising.
+        features: (P, 10) float32 of each point, those of a part of a pillar one after another.
+        count: (M B,) int64 number of points of each of the B parts of each pillar that has any.
+        cell: (M,) int64 the pillar's number, row x W + column, rising.
         shape: H, W of the grid.
     """
 
@@ -76,22 +131,22 @@ class PillarBatch:
         return PillarBatch(features, count, cell, self.clouds, self.shape)
 
 
-def pillarize(points: NDArray[np.float32], grid: BevGrid, ground: GroundSettings | None = None) -> Pillars:
+def pillarize(points: NDArray[np.float32], grid: BevGrid, settings: PillarSettings | None = None) -> Pillars:
     """Gather the points above ground into the pillars of a grid; those outside are dropped.
 
-    A point's features are its place relative to the pillar's middle (2, in cells) and to the mean of the pillar's
-    points (3, m), its height above the agent's ground and above the ground under it (m), its intensity, its age (s)
-    and the logarithm of the pillar's number of points. None tells where in the grid the pillar is.
+    A point's features are its place relative to the pillar's middle (2, in cells) and to the mean of the points of its
+    part of the pillar (3, m), its height above the agent's ground and above the ground under it (m), its intensity, its
+    age (s) and the logarithm of the part's number of points. None tells where in the grid the pillar is.
 
     Args:
         points: (P, 5): x, y, z m in the frame of the grid, whose z = 0 is the ground under the agent; intensity; age s.
         grid: the pillars.
-        ground: rule of the ground; None: the default.
+        settings: rule by which they are gathered; None: the default.
 
     Raises:
         InvalidValueError: points have another shape, or are not finite.
     """
-    ground = ground or GroundSettings()
+    settings = settings or PillarSettings()
     points = np.ascontiguousarray(points, dtype=np.float32)
     if points.ndim != 2 or points.shape[1] != 5:
         raise InvalidValueError(f"points must be (P, 5): x, y, z, intensity, age; got {points.shape}")
@@ -99,9 +154,10 @@ def pillarize(points: NDArray[np.float32], grid: BevGrid, ground: GroundSettings
         raise InvalidValueError("points must be finite, got NaN or infinity")
     rows, columns = grid.shape
     coarse = max(1, round(_COARSE_M / grid.cell_m))
+    base, relief_m = settings.ground.under(points)
     features, count, cell = _gather(
-        points, surface(points), grid.x_m[0], grid.y_m[0], grid.cell_m, rows, columns, coarse,
-        ground.relief_m, ground.above_m,
+        points, base, grid.x_m[0], grid.y_m[0], grid.cell_m, rows, columns, coarse,
+        relief_m, settings.ground.above_m, np.array(settings.bands_m), settings.apart,
     )  # fmt: skip
     return Pillars(features, count, cell, (rows, columns))
 
@@ -127,8 +183,8 @@ def collate(clouds: Sequence[Pillars]) -> PillarBatch:
 
 
 @njit(cache=True, nogil=True)
-def _gather(points, base, x_low, y_low, cell_m, rows, columns, coarse, relief_m, above_m):  # type: ignore[no-untyped-def]
-    """Return features (P', 10), counts (M,) and cells (M,) of the points inside and above ground."""
+def _gather(points, base, x_low, y_low, cell_m, rows, columns, coarse, relief_m, above_m, bands_m, apart):  # type: ignore[no-untyped-def]
+    """Return features (P', 10), counts (M B,) and cells (M,) of the points inside and above ground."""
     total = len(points)
     place = np.empty(total, np.int64)
     low_rows, low_columns = rows // coarse + 3, columns // coarse + 3
@@ -146,7 +202,7 @@ def _gather(points, base, x_low, y_low, cell_m, rows, columns, coarse, relief_m,
     for i in range(1, low_rows - 1):
         for j in range(1, low_columns - 1):
             floor[i, j] = lowest[i - 1 : i + 2, j - 1 : j + 2].min()
-    number = np.zeros(rows * columns + 1, np.int64)
+    pillar = np.full(rows * columns, -1)
     ground = np.empty(total, np.float32)
     for k in range(total):
         if place[k] < 0:
@@ -156,8 +212,15 @@ def _gather(points, base, x_low, y_low, cell_m, rows, columns, coarse, relief_m,
         if points[k, 2] - ground[k] <= above_m:
             place[k] = -1
         else:
+            pillar[place[k]] = 0
+    filled = np.flatnonzero(pillar == 0)
+    pillar[filled] = np.arange(len(filled))
+    parts = (len(bands_m) + 1) * (2 if apart else 1)
+    number = np.zeros(len(filled) * parts + 1, np.int64)
+    for k in range(total):
+        if place[k] >= 0:
+            place[k] = pillar[place[k]] * parts + _part(points[k, 2] - ground[k], points[k, 4], bands_m, apart)
             number[place[k] + 1] += 1
-    filled = np.flatnonzero(number[1:])
     start = np.cumsum(number)
     kept = start[-1]
     order = np.empty(kept, np.int64)
@@ -165,11 +228,13 @@ def _gather(points, base, x_low, y_low, cell_m, rows, columns, coarse, relief_m,
         if place[k] >= 0:
             order[start[place[k]]] = k
             start[place[k]] += 1
-    count = number[1:][filled]
+    count = number[1:]
     features = np.empty((kept, 10), np.float32)
     done = 0
-    for m in range(len(filled)):
-        row, column = filled[m] // columns, filled[m] % columns
+    for m in range(len(count)):
+        if count[m] == 0:
+            continue
+        row, column = filled[m // parts] // columns, filled[m // parts] % columns
         middle_x, middle_y = x_low + (column + 0.5) * cell_m, y_low + (row + 0.5) * cell_m
         mean_x = mean_y = mean_z = 0.0
         for k in order[done : done + count[m]]:
@@ -192,3 +257,13 @@ def _gather(points, base, x_low, y_low, cell_m, rows, columns, coarse, relief_m,
             features[at, 9] = dense
         done += count[m]
     return features, count, filled
+
+
+@njit(cache=True, nogil=True)
+def _part(height_m, age_s, bands_m, apart):  # type: ignore[no-untyped-def]
+    """Return the number of the part of a pillar that a point is in: bands from below, those of the sweep now first."""
+    part = 0
+    for top_m in bands_m:
+        if height_m >= top_m:
+            part += 1
+    return part + len(bands_m) + 1 if apart and age_s > 0 else part

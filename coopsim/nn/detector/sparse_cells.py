@@ -137,7 +137,7 @@ class SparseConv(nn.Module):
         if self.bias is None:
             made = self._normed(_GatheredProduct.apply(x, weight, table, back))  # type: ignore[no-untyped-call]
         else:
-            made = torch.addmm(self.bias, gathered(x, table), weight)
+            made = _folded_product(x, weight, table, self.bias)
         return functional.relu(made if added is None else made + added)
 
     def _normed(self, made: Tensor) -> Tensor:
@@ -178,6 +178,21 @@ class _GatheredProduct(torch.autograd.Function):
             turned = weight.view(back.shape[1], -1, weight.shape[1]).transpose(1, 2).reshape(-1, x.shape[1])
             of_x = gathered(grad, back) @ turned
         return of_x, of_weight, None, None
+
+
+_AT_ONCE = 1024
+"""Cells whose gathered features, some megabytes, stay in a processor's cache until they are multiplied."""
+
+
+def _folded_product(x: Tensor, weight: Tensor, table: Tensor, bias: Tensor) -> Tensor:
+    """Return a bias plus the product of gathered features and a weight, without gradients."""
+    if x.device.type != "cpu" or len(table) <= _AT_ONCE:
+        return torch.addmm(bias, gathered(x, table), weight)
+    padded, made = torch.cat([x, x.new_zeros(1, x.shape[1])]), x.new_empty(len(table), weight.shape[1])
+    bias = bias.to(x.dtype)
+    for rows, out in zip(table.split(_AT_ONCE), made.split(_AT_ONCE), strict=True):
+        torch.addmm(bias, padded.index_select(0, rows.reshape(-1)).view(len(rows), -1), weight, out=out)
+    return made
 
 
 def gathered(x: Tensor, table: Tensor) -> Tensor:

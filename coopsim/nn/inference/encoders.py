@@ -90,6 +90,7 @@ class PointEncoder(FrameEncoder):
     def __init__(self, detector: DetectorNet, backend: Backend = PROCESSOR) -> None:
         self._encoder = backend.place(for_inference(detector.encoder, backend.numbers))
         self._backend, self._sweeps = backend, RecentSweeps(detector.config.sweeps)
+        self._settings = detector.config.pillars
 
     def take(self, view: SensorView) -> SensedFrame:
         heading_rad, position_m = stated_place(view)
@@ -97,7 +98,8 @@ class PointEncoder(FrameEncoder):
         return SensedFrame(self, points, heading_rad=heading_rad, position_m=position_m)
 
     def encode(self, frames: Sequence[SensedFrame], canvases: Sequence[BevGrid]) -> Tensor:
-        batch = collate([pillarize(each.points, canvas) for each, canvas in zip(frames, canvases, strict=True)])
+        both = zip(frames, canvases, strict=True)
+        batch = collate([pillarize(each.points, canvas, self._settings) for each, canvas in both])
         with torch.autocast(self._backend.device.type, enabled=False):
             features: Tensor = self._encoder(self._backend.put(batch))
         return features
@@ -209,6 +211,9 @@ def for_inference(encoder: PillarEncoder | SparseEncoder, numbers: torch.dtype) 
     made = folded(encoder)
     made.points = fuse_linear_bn_eval(made.points, made.points_norm).requires_grad_(False)
     made.points_norm = nn.Identity()  # type: ignore[assignment]
+    if made.parts > 1:
+        made.mix = fuse_linear_bn_eval(made.mix, made.mix_norm).requires_grad_(False)
+        made.mix_norm = nn.Identity()  # type: ignore[assignment]
     if isinstance(made, SparseEncoder):
         made.shorten(numbers)
         return made

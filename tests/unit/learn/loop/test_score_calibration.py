@@ -33,6 +33,17 @@ def test_a_line_that_scores_are_off_by_is_found_for_each_group() -> None:
     np.testing.assert_allclose(fit((group, logit, (rng.random(60_000) < p).astype(float))), true, atol=0.08)
 
 
+def test_calibrated_scores_keep_their_order_whatever_the_boxes_say() -> None:
+    rng = np.random.default_rng(0)
+    logit = rng.normal(0, 2, 3000)
+    wrong_way = (rng.random(3000) < 1 / (1 + np.exp(logit + 1))).astype(float)
+    slope, shift = fit((np.zeros(3000, np.int64), logit, wrong_way))[0]
+    assert slope > 0
+    score = 1 / (1 + np.exp(-(slope * logit + shift)))
+    assert (np.diff(score[np.argsort(logit)]) >= 0).all()
+    assert score.mean() == pytest.approx(wrong_way.mean(), abs=0.02)
+
+
 def test_without_boxes_scores_stay_as_they_are() -> None:
     empty = (np.zeros(0, np.int64), np.zeros(0), np.zeros(0))
     np.testing.assert_array_equal(fit(empty), [[1.0, 0.0]] * 3)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from coopsim.errors import InvalidValueError
-from coopsim.nn.detector.pillars import GroundSettings, collate, pillarize
+from coopsim.nn.detector.pillars import GroundSettings, PillarSettings, collate, pillarize
 from coopsim.types import BevGrid
 
 GRID = BevGrid((-9.6, 9.6), (-4.8, 4.8), 0.6)
@@ -66,7 +66,7 @@ def test_a_thing_without_ground_beside_it_keeps_its_height() -> None:
 def test_hills_need_a_larger_relief() -> None:
     hill = np.float32([[x / 2, y / 2, 2.0, 0.3, 0] for x in range(-8, 8) for y in range(-8, 8)])
     assert len(pillarize(hill, GRID).features) == len(hill)
-    assert len(pillarize(hill, GRID, GroundSettings(relief_m=5.0)).features) == 0
+    assert len(pillarize(hill, GRID, PillarSettings(GroundSettings(relief_m=5.0))).features) == 0
 
 
 def test_no_feature_tells_where_in_the_grid_a_pillar_is() -> None:

@@ -12,6 +12,7 @@ torch = pytest.importorskip("torch")
 from tiny_pictures import TINY_BOTH, shake  # noqa: E402
 
 from coopsim.learn.weights import make_network  # noqa: E402
+from coopsim.nn.detector.pillars import PillarSettings  # noqa: E402
 from coopsim.nn.inference.detectors import CloudAndPicturesDetector, CloudDetector  # noqa: E402
 
 
@@ -23,7 +24,7 @@ def test_without_pictures_it_finds_what_points_alone_show(heading_rad: float, mo
     alone = SimpleNamespace(
         encoder=net.encoder.points,
         head=net.head,
-        config=SimpleNamespace(cell_m=TINY_BOTH["pictures"]["cell_m"], sweeps=1),
+        config=SimpleNamespace(cell_m=TINY_BOTH["pictures"]["cell_m"], sweeps=1, pillars=PillarSettings()),
     )
     rng = np.random.default_rng(0)
     points = rng.uniform([-40, -20, 0.4, 0, 0], [40, 20, 3, 1, 0], (600, 5)).astype(np.float32)

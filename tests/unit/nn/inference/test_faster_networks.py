@@ -19,10 +19,13 @@ TINY = {"cell_m": 1.2, "pillar_features": 8, "channels": [8, 8, 8], "layers": [1
 GRID = BevGrid((-19.2, 19.2), (-19.2, 19.2), 1.2)
 
 
-def network(layout: str = "dense", head: str = "centre") -> torch.nn.Module:
+PARTS = {"sweeps": 2, "bands_m": [1.0], "apart": True, "ground": "local"}
+
+
+def network(layout: str = "dense", head: str = "centre", **more: object) -> torch.nn.Module:
     """A network whose normalisations are not trivial."""
     net, draw = (
-        make_network("detector", TINY | {"layout": layout, "head": head}).eval(),
+        make_network("detector", TINY | {"layout": layout, "head": head} | more).eval(),
         torch.Generator().manual_seed(1),
     )
     for name, value in net.state_dict().items():
@@ -42,8 +45,12 @@ def cloud(count: int) -> np.ndarray:
 @pytest.mark.parametrize("numbers", [torch.float32, torch.bfloat16])
 @pytest.mark.parametrize("count", [0, 1, 700])
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_a_faster_encoder_gives_the_same_features(layout: str, count: int, numbers: torch.dtype) -> None:
-    net, batch = network(layout), collate([pillarize(cloud(count), GRID), pillarize(cloud(50), GRID)])
+@pytest.mark.parametrize("more", [{}, PARTS], ids=["whole pillars", "parts"])
+def test_a_faster_encoder_gives_the_same_features(
+    layout: str, count: int, numbers: torch.dtype, more: dict[str, object]
+) -> None:
+    net = network(layout, **more)
+    batch = collate([pillarize(cloud(each), GRID, net.config.pillars) for each in (count, 50)])
     backend = Backend(numbers=numbers)
     encoder = PointEncoder(net, backend)
     with backend.inference():
