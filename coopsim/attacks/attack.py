@@ -9,13 +9,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from coopsim.catalog import class_at
 from coopsim.comms.envelope import decode_detections, decode_tracks
 from coopsim.config.spec import instantiate, parse_spec
 from coopsim.errors import CodecError, InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.support.registry import Registry
+from coopsim.support.user_code import class_at
 from coopsim.types import NS_PER_S, AgentSpec, Detections, Ints, Message, Observation, Sweep
 from coopsim.types.track_estimates import TrackEstimates
 

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from coopsim.bench.grid.grid import ATTRIBUTES, Grid
-from coopsim.catalog import names_code
 from coopsim.config.yaml_file import Section, read_yaml
 from coopsim.errors import CoopsimError, GridFileError, InvalidValueError
 from coopsim.support.checks import require_choice
+from coopsim.support.user_code import names_code
 
 _PRESETS = Path(__file__).parent / "presets"
 

@@ -27,12 +27,13 @@ from coopsim.bench.results.standings import worst_windows
 from coopsim.bench.safety.pairs import CRASH, film_pairs, telling_pairs
 from coopsim.bench.safety.safety_plots import crash_plots
 from coopsim.bench.safety.safety_text import to_safety_markdown
-from coopsim.catalog import PolicySpec, names_code, refuse_writing
+from coopsim.catalog import PolicySpec, refuse_writing
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
 from coopsim.metrics.built_in import BYTES
 from coopsim.metrics.metric import PRIMARY_METRIC
 from coopsim.support.checks import require_count, require_non_negative
 from coopsim.support.files import make_folder, write_whole
+from coopsim.support.user_code import names_code
 
 _UNITS: Mapping[str, str] = {"_ms": "ms", "_mbit_s": "Mbit/s", "_deg": "deg", "_m": "m"}
 """Units by the endings of names."""
