@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import coopsim
+from coopsim.errors import MissingDependencyError
 from coopsim.support.registry import Registry
 
 Entry = dict[str, Any]
@@ -36,6 +37,7 @@ def listing() -> dict[str, Callable[[], list[Entry]]]:
         "detectors": partial(_registered, DETECTORS),
         "embedders": partial(_registered, EMBEDDERS),
         "uplinks": partial(_registered, UPLINKS),
+        "fusions": _fusions,
         "codecs": lambda: [entry | {"content": CODECS.get(entry["name"]).content} for entry in _registered(CODECS)],
         "camera rigs": _rigs,
         "planners": partial(_registered, PLANNERS),
@@ -89,6 +91,15 @@ def _environments() -> list[Entry]:
         return "Draw a town for each episode" if bare == TOWN else _first_sentence(coopsim.ENVIRONMENTS.get(name))
 
     return [_entry(name, described(name)) for name in coopsim.ENVIRONMENTS]
+
+
+def _fusions() -> list[Entry]:
+    """Return the fusions of feature maps; none where torch, which they are made of, is not installed."""
+    try:
+        from coopsim.nn.fusion import FUSIONS
+    except MissingDependencyError:
+        return []
+    return _registered(FUSIONS)
 
 
 def _metrics() -> list[Entry]:

@@ -10,12 +10,13 @@ import difflib
 import importlib
 import importlib.util
 import pkgutil
+import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
 
@@ -23,6 +24,8 @@ _Base = TypeVar("_Base")
 
 SOURCE = "__coopsim_source__"
 """Name under which a module that was made by `load_source` has its text."""
+
+_PLACE = re.compile(r"[\w./~-]:[^\W\d]\w*")
 
 _FOLDERS: list[str] = []
 """Folders of users' files, which `load_source` has put at the end of Python's path."""
@@ -41,6 +44,8 @@ def class_at(kind: str, target: str, base: type[_Base], source: str | None = Non
         CoopsimError: the module or file cannot be read or run, or has no such class.
     """
     place, name = target.rsplit(":", 1)
+    if not name.isidentifier():  # before anything is run: `names_code` knows no such places
+        raise InvalidValueError(f"{kind} {target!r} must name a class, as module:Class or file.py:Class")
     if source is None and names_file(target):
         source = read_source(target, kind)
     module = _import(place, kind) if source is None else load_source(place, source)
@@ -49,15 +54,21 @@ def class_at(kind: str, target: str, base: type[_Base], source: str | None = Non
         known = [each for each in vars(module) if _is_own(module, each, base)]
         raise UnknownNameError(kind, name, known, f"in {place}")
     if not (isinstance(found, type) and issubclass(found, base)):
-        raise InvalidValueError(
-            f"{kind} {target!r} must be a class derived from coopsim.{base.__name__}, got {found!r}"
-        )
+        raise InvalidValueError(f"{kind} {target!r} must be a class derived from {_public_name(base)}, got {found!r}")
     return found
 
 
 def names_code(text: str) -> bool:
-    """Return whether a part's text is the place of a class, whose module or file is run, and no registered name."""
-    return ":" in text.partition("(")[0]
+    """Return whether a part's text, or a parameter in it, is the place of a class, whose module or file is run."""
+    return _PLACE.search(text) is not None
+
+
+def code_in(content: Any) -> str | None:
+    """Return the first text in plain data that names code to run, such as that of a planner; None: there is none."""
+    if isinstance(content, str):
+        return content if names_code(content) else None
+    parts = content.values() if isinstance(content, Mapping) else content if isinstance(content, (list, tuple)) else ()
+    return next((found for part in parts if (found := code_in(part)) is not None), None)
 
 
 def names_file(target: str) -> bool:
@@ -184,6 +195,11 @@ def _is_beside(name: str, folder: Path) -> bool:
 def describe(error: Exception) -> str:
     """Return the kind and text of an error of a user's code."""
     return f"{type(error).__name__}: {error}"
+
+
+def _public_name(base: type) -> str:
+    home = "coopsim" if hasattr(sys.modules.get("coopsim"), base.__name__) else base.__module__
+    return f"{home}.{base.__name__}"
 
 
 def _is_own(module: ModuleType, name: str, base: type) -> bool:
