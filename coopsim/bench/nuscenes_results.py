@@ -42,6 +42,7 @@ from coopsim.metrics.matching import NEAR_M, find_candidate_pairs
 from coopsim.metrics.track_log import FlatLog, TrackLog
 from coopsim.support.files import locked, make_folder
 from coopsim.support.rng import derived_seed
+from coopsim.support.user_code import code_in
 from coopsim.types import GroundTruth, Ints, ObjectClass, Tracks
 from coopsim.wire.actions import act_of, unpack_actions
 
@@ -124,6 +125,8 @@ def read_plan(export: Path) -> tuple[ExportPlan, NuscenesFormat]:
     if card["state"] != DONE:
         raise InvalidValueError(f"{export} must be a finished export: run the command that made it again")
     refuse_writing(card["options"], f"{export / CARD}: options")
+    if (code := code_in(card["options"])) is not None:
+        raise InvalidValueError(f"{export / CARD}: options must not name code to run, got {code!r}")
     return ExportPlan(
         card["format"], card["environment"], tuple(card["seeds"]), card["frames"], card["options"]
     ), writer

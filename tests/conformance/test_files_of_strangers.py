@@ -174,6 +174,9 @@ def test_an_export_names_no_file_to_write(tmp_path: Path) -> None:
     (tmp_path / "export.json").write_text(json.dumps({**card, "options": {"record": str(tmp_path / "victim")}}))
     with pytest.raises(InvalidValueError, match="must not say which file to write"):
         read_plan(tmp_path)
+    (tmp_path / "export.json").write_text(json.dumps({**card, "options": {"planner": "mine.py:P"}}))
+    with pytest.raises(InvalidValueError, match=r"options must not name code to run, got 'mine.py:P'"):
+        read_plan(tmp_path)
 
 
 def test_every_option_that_may_be_a_path_is_read_or_withheld() -> None:
