@@ -24,6 +24,7 @@ from gymnasium.envs.registration import register, registry
 
 from coopsim.config.spec import instantiate, parse_spec, spell_spec
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
+from coopsim.support.printable import require_printable
 from coopsim.support.registry import Registry
 from coopsim.support.user_code import class_at, describe, names_file, read_source
 
@@ -94,6 +95,7 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
         InvalidValueError: an option's value is not accepted.
         ScenarioFileError: a scenario file is missing or broken.
     """
+    require_printable(environment=str(name))
     if is_recordings_folder(name):
         return ENVIRONMENTS.get(newest("replay"))(path=name, **options)
     if isinstance(name, Path) or is_scenario_file(name):

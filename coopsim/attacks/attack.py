@@ -160,6 +160,8 @@ class Attack:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0:
                 raise InvalidValueError(f"{name} must be a time >= 0 in seconds, got {value!r}")
+        if self.end_s < self.start_s:
+            raise InvalidValueError(f"end_s must be at least start_s {self.start_s:g}, got {self.end_s:g}")
         if not (self.against is None or isinstance(self.against, str)):
             raise InvalidValueError(f"against must be the name of an agent or None, got {self.against!r}")
 

@@ -11,6 +11,7 @@ from typing import Any, Generic, TypeVar
 from weakref import WeakSet
 
 from coopsim.errors import DuplicateNameError, UnknownNameError
+from coopsim.support.printable import require_printable
 
 T = TypeVar("T")
 
@@ -43,6 +44,7 @@ class Registry(Generic[T]):
 
         def enter(entry: T) -> T:
             for each in (name, *([] if alias is None else [alias])):
+                require_printable(**{f"name of a {self.kind}": each})
                 if each in self._entries or each in self._aliases:
                     raise DuplicateNameError(f"{self.kind} {each!r} is already registered")
             self._entries[name], self._homes[name] = entry, home
