@@ -42,7 +42,7 @@ def listing() -> dict[str, Callable[[], list[Entry]]]:
         "camera rigs": _rigs,
         "planners": partial(_registered, PLANNERS),
         "attacks": partial(_registered, ATTACKS),
-        "defenses": partial(_registered, DEFENSES),
+        "defenses": lambda: [_with_needs(entry, DEFENSES.get(entry["name"])) for entry in _registered(DEFENSES)],
         "metrics": _metrics,
         "rewards": partial(_registered, REWARDS),
         "export formats": partial(_registered, EXPORT_FORMATS),
@@ -58,6 +58,13 @@ def _registered(registry: Registry[Any]) -> list[Entry]:
 
 def _entry(name: str, description: str, aliases: Iterable[str] = ()) -> Entry:
     return {"name": name, "description": description, **({"aliases": list(aliases)} if aliases else {})}
+
+
+def _with_needs(entry: Entry, defense: Any) -> Entry:
+    """Add to a defence what it needs besides messages."""
+    needs = ["a LiDAR"] * defense.needs_lidar + ["the truth"] * defense.needs_truth
+    said = f" (needs {' and '.join(needs)})" if needs else ""
+    return entry | {"description": f"{entry['description']}{said}"}
 
 
 def _first_sentence(thing: Any) -> str:

@@ -50,7 +50,8 @@ def register_packed(packed: bytes) -> None:
     """
     files, parts = pickle.loads(packed)
     loads: list[Callable[[], object]] = [partial(load_source, *file) for file in files.items()]
-    for load in [*loads, *(partial(_register, part) for part in parts)]:
+    loads += [partial(_register, part) for part in parts]
+    for load in loads:
         try:
             load()
         except Exception as error:  # a module that is not here, or raises when it is imported

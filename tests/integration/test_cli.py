@@ -316,6 +316,16 @@ def test_typos_in_the_command_line(arguments: list[str], message: str, capsys: p
     assert message in capsys.readouterr().err
 
 
+def test_lists_say_what_defences_need_and_have_fusions(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["list", "defenses"]) == 0
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
+    assert lines["consistency"].endswith("(needs a LiDAR)") and lines["trust"].endswith("(needs a LiDAR)")
+    assert lines["oracle"].endswith("(needs the truth)") and "(needs" not in lines["plausibility"]
+    pytest.importorskip("torch")
+    assert main(["list", "fusions"]) == 0
+    assert {line.split()[0] for line in capsys.readouterr().out.splitlines()} >= {"attfuse", "v2x_vit", "where2comm"}
+
+
 def test_list_names_everything(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list"]) == 0
     out = capsys.readouterr().out
