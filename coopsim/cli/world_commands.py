@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 import coopsim
-from coopsim.catalog import is_scenario_file
+from coopsim.catalog import is_scenario_file, scenario_file_options, scenario_of_file
 from coopsim.cli.arguments import (
     Command,
     Parser,
@@ -99,7 +99,6 @@ def _place(text: str) -> int | Path:
 
 def _picture_of_file(options: argparse.Namespace, *, drawn: bool) -> Path:
     """Draw the place of a scenario file; `drawn` tells that options of drawn towns are given."""
-    from coopsim.envs.simulated.scenario_file import load_scenario_file
     from coopsim.viz.portrait import write_picture
     from coopsim.world.scenario import NUMBERS, make_scenario
     from coopsim.world.situations.situation import NAMED
@@ -107,13 +106,11 @@ def _picture_of_file(options: argparse.Namespace, *, drawn: bool) -> Path:
 
     if options.picture is None or options.out is not None or drawn:
         raise InvalidValueError("of a scenario file --picture FILE.png is drawn: give that, and no option of a seed")
-    file = load_scenario_file(options.place)
-    if file.scenario in (NAMED, DRAWN):
+    place, keywords = scenario_of_file(options.place), scenario_file_options(options.place)
+    if place in (NAMED, DRAWN):
         raise InvalidValueError(f"{options.place}: the place is drawn anew for each seed; accepted: a file with place")
-    numbers = (
-        {} if file.situation else {name: file.keywords[name] for name in (*NUMBERS, "detail") if name in file.keywords}
-    )
-    return write_picture(options.picture, make_scenario(file.scenario, **numbers), file.keywords.get("seed") or 0)
+    numbers = {name: keywords[name] for name in (*NUMBERS, "detail") if name in keywords}
+    return write_picture(options.picture, make_scenario(place, **numbers), keywords.get("seed") or 0)
 
 
 TOWN = Command(
