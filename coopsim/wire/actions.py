@@ -157,7 +157,7 @@ def unpack_actions(
         actions: actions by agent.
         commands: `AgentSpec.command` of the agents that drive, by name.
         parts: `AgentSpec.message` of the agents whose action says what they send, by name.
-        any_score: as in `action_space`.
+        any_score: scores of tracks are any numbers, see `action_space`.
 
     Raises:
         InvalidActionError: an agent is unknown or missing, or its action is malformed.
