@@ -70,6 +70,8 @@ class LearnedFusion(PerceivingPolicy):
             has a LiDAR, else its pictures. An agent with neither detects nothing by itself.
         picture_weights: name or path of the weights of the encoder of pictures, or of both, trained beside that of
             points; None: "points_and_pictures" for both, else "lift_splat".
+        fusion: place of the class of the weights' fusion, where that is code of a user, such as "mine.py:MyFusion";
+            None: the weights name a registered one.
     """
 
     needs = _NEEDS["points"]
@@ -79,6 +81,7 @@ class LearnedFusion(PerceivingPolicy):
     detector_weights: str = "pillars"
     sensors: str = "points"
     picture_weights: str | None = None
+    fusion: str | None = None
 
     def load(self) -> None:
         require_choice("sensors", self.sensors, _NEEDS)
@@ -108,7 +111,7 @@ class LearnedFusion(PerceivingPolicy):
         """
         from coopsim.learn.weights import load_cooperative
 
-        return load_cooperative(self.weights, detector)
+        return load_cooperative(self.weights, detector, self.fusion)
 
     def make_encoder(self, detector: DetectorNet) -> SensorEncoder:
         """Return the encoder of what agents' sensors give, by `sensors`; `detector` has that of points.

@@ -96,6 +96,7 @@ class Policy(ABC):
     rejected: Counter[tuple[str, str]]
     counts: Counter[str]
     guard: Guard | None = None
+    _reads_points = ""  # who needs a LiDAR in place of the policy itself
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -195,6 +196,8 @@ class Policy(ABC):
         if self.needs.uplink == "none":
             raise InvalidValueError(f"defense must be None for a policy that reads no message, got {defense!r}")
         self.guard = Guard(defense)
+        if self.guard.needs_lidar and not self.needs.lidar:
+            self._reads_points = f"the defense {defense!r} of {type(self).__name__}"
         lidar, truth = self.needs.lidar or self.guard.needs_lidar, self.needs.truth or self.guard.needs_truth
         self.needs = replace(self.needs, lidar=lidar, truth=truth)
 
@@ -250,9 +253,9 @@ class Policy(ABC):
                 continue
             if needs.lidar and not spec.lidars:
                 raise PolicyMismatchError(
-                    f"{me} needs a LiDAR, but {spec.name} has none: make the environment with one, as "
-                    'lidar="HDL-32E", for all agents, with lidar_agents=None; with lidar=None, or in a replay, there '
-                    "are no sweeps"
+                    f"{self._reads_points or me} needs a LiDAR, but {spec.name} has none: make the environment with "
+                    'one, as lidar="HDL-32E", for all agents, with lidar_agents=None; with lidar=None, or in a replay, '
+                    "there are no sweeps"
                 )
             if needed and needs.any_rig and spec.cameras:
                 continue

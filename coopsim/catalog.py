@@ -7,28 +7,26 @@ All live outside the library, which imports them at the first look-up. A user wr
 | `late_fusion` | a registered policy |
 | `late_fusion(delayed=replay, hits=2)` | the same with parameters, see `coopsim.config.spec` |
 | `mypackage.module:MyTracker` | a class of an installed package |
-| `path/to/file.py:MyTracker` | a class in a file that imports nothing from its own folder |
+| `path/to/file.py:MyTracker` | a class in a file, which may import modules beside it |
 """
 
 from __future__ import annotations
 
-import difflib
 import importlib
-import pkgutil
 import re
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from gymnasium.envs.registration import register, registry
 
 from coopsim.config.spec import instantiate, parse_spec, spell_spec
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
+from coopsim.support.printable import require_printable
 from coopsim.support.registry import Registry
+from coopsim.support.user_code import class_at, describe, names_file, read_source
 
 if TYPE_CHECKING:
     from coopsim.agents.policy import Policy
@@ -97,6 +95,7 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
         InvalidValueError: an option's value is not accepted.
         ScenarioFileError: a scenario file is missing or broken.
     """
+    require_printable(environment=str(name))
     if is_recordings_folder(name):
         return ENVIRONMENTS.get(newest("replay"))(path=name, **options)
     if isinstance(name, Path) or is_scenario_file(name):
@@ -193,11 +192,6 @@ def newest(name: str) -> str:
     return max(versions)[1] if versions else name
 
 
-_Base = TypeVar("_Base")
-
-SOURCE = "__coopsim_source__"
-"""Name under which a module that was made by `load_source` has its text."""
-
 _ACCEPTED = "name, name(parameter=value, ...) (in a YAML list in quotes), module:Class or file.py:Class"
 
 
@@ -221,7 +215,7 @@ class PolicySpec:
         target, parameters = parse_spec("policy", text, _ACCEPTED)
         if target.endswith(".py"):
             raise InvalidValueError(f"policy {text!r} must name the class in that file, as {target}:MyTracker")
-        return cls(target, parameters, _source(target) if _is_file(target) else None)
+        return cls(target, parameters, read_source(target) if names_file(target) else None)
 
     @property
     def text(self) -> str:
@@ -255,101 +249,7 @@ class PolicySpec:
         except CoopsimError:
             raise
         except Exception as error:  # a user's class may raise anything
-            raise InvalidValueError(f"policy {self.text!r} cannot be made: {_describe(error)}") from error
-
-
-def class_at(kind: str, target: str, base: type[_Base], source: str | None = None) -> type[_Base]:
-    """Return the class at a place, `module:Class` or `file.py:Class`.
-
-    Args:
-        kind: the class's, in the singular, for error messages ("policy").
-        target: the place.
-        base: the class that it must be derived from.
-        source: text of the file; None: it is read now.
-
-    Raises:
-        CoopsimError: the module or file cannot be read or run, or has no such class.
-    """
-    place, name = target.rsplit(":", 1)
-    if source is None and _is_file(target):
-        source = _source(target, kind)
-    module = _import(place, kind) if source is None else load_source(place, source)
-    found = getattr(module, name, None)
-    if found is None:
-        known = [each for each in vars(module) if _is_own(module, each, base)]
-        raise UnknownNameError(kind, name, known, f"in {place}")
-    if not (isinstance(found, type) and issubclass(found, base)):
-        raise InvalidValueError(
-            f"{kind} {target!r} must be a class derived from coopsim.{base.__name__}, got {found!r}"
-        )
-    return found
-
-
-def names_code(text: str) -> bool:
-    """Return whether a policy's text is the place of a class, whose module or file is run, and no registered name."""
-    return ":" in text.partition("(")[0]
-
-
-def _is_file(target: str) -> bool:
-    return target.rpartition(":")[0].endswith(".py")
-
-
-def _source(target: str, kind: str = "policy") -> str:
-    path = target.rpartition(":")[0]
-    try:
-        return Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise InvalidValueError(f"{kind} {target!r}: cannot read {path}: {reason}") from error
-
-
-def _import(name: str, kind: str) -> ModuleType:
-    try:
-        return importlib.import_module(name)
-    except ModuleNotFoundError as error:
-        missing = str(error.name)
-        close = difflib.get_close_matches(missing, _sibling_modules(missing), n=3, cutoff=0.6)
-        hint = f" Did you mean {' or '.join(map(repr, close))}?" if close else ""
-        message = f"{kind} module {name!r}: there is no module {missing!r}.{hint}"
-        raise InvalidValueError(f"{message} Accepted: modules that are installed or on PYTHONPATH") from error
-    except Exception as error:  # a user's module may raise anything when it is imported
-        raise InvalidValueError(f"{kind} module {name!r} cannot be imported: {_describe(error)}") from error
-
-
-def _sibling_modules(name: str) -> list[str]:
-    """Return the modules next to the one called `name`, for suggestions."""
-    package, _, _ = name.rpartition(".")
-    path = getattr(sys.modules.get(package), "__path__", None)
-    return [f"{package}.{each.name}" if package else each.name for each in pkgutil.iter_modules(path)]
-
-
-@cache
-def load_source(path: str, source: str) -> ModuleType:
-    """Execute the text of a file as a module, once per process; it cannot import other files of its folder.
-
-    Raises:
-        InvalidValueError: the text raises an exception.
-    """
-    module = ModuleType(f"coopsim_policy_{Path(path).stem}")
-    module.__file__ = path
-    module.__dict__[SOURCE] = source
-    sys.modules[module.__name__] = module  # dataclasses look for the names of annotations there
-    try:
-        exec(compile(source, path, "exec"), module.__dict__)
-    except CoopsimError:
-        raise
-    except Exception as error:  # a user's file may raise anything
-        raise InvalidValueError(f"policy file {path} cannot be loaded: {_describe(error)}") from error
-    return module
-
-
-def _describe(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}"
-
-
-def _is_own(module: ModuleType, name: str, base: type) -> bool:
-    found = getattr(module, name)
-    return isinstance(found, type) and found.__module__ == module.__name__ and issubclass(found, base)
+            raise InvalidValueError(f"policy {self.text!r} cannot be made: {describe(error)}") from error
 
 
 def _policy_base() -> type[Policy]:

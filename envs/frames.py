@@ -93,6 +93,7 @@ class FrameSource(ABC):
         road_map: outlines of the running episode's place, for pictures.
         capacity: the largest number of actors in a frame of any episode.
         region_m: (2,) half the length and width of the evaluation region around an agent; None: unlimited.
+        any_score: recorded detections have scores that need not lie in [0, 1], and tracks have these.
     """
 
     name: str
@@ -101,6 +102,7 @@ class FrameSource(ABC):
     road_map: RoadMap
     capacity: int
     region_m: tuple[float, float] | None
+    any_score: bool = False
 
     @abstractmethod
     def start(self, seed: int, options: Mapping[str, Any]) -> Frame:

@@ -11,9 +11,8 @@ from coopsim.attacks.attack_option import AttacksOption, attacks_by_agent
 from coopsim.comms.channel.channel_config import ChannelConfig, channel_config
 from coopsim.comms.channel.latency import MOST_S, GaussianLatency
 from coopsim.comms.channel.loss import BernoulliLoss
-from coopsim.comms.uplinks.budget import SELECTIONS
+from coopsim.comms.uplinks.budget import make_selection
 from coopsim.comms.uplinks.uplink import MakeUplink
-from coopsim.config.spec import parse_spec
 from coopsim.detection.detector import Detector, DetectorBase
 from coopsim.detection.embedder import Embedder, make_embedder
 from coopsim.detection.oracle import OracleDetector
@@ -32,7 +31,7 @@ from coopsim.support.checks import (
     require_probability,
     require_threshold,
 )
-from coopsim.support.rng import require_seed
+from coopsim.support.rng import require_seed, stream
 from coopsim.types.sensing import TRUTH_MODES
 
 if TYPE_CHECKING:
@@ -100,7 +99,7 @@ class CommonOptions:
         require_flag(expose_ground_truth=self.expose_ground_truth, expose_visibility=self.expose_visibility)
         if self.expose_visibility and not self.expose_ground_truth:
             raise InvalidValueError("expose_visibility is part of the truth: it needs expose_ground_truth=True")
-        require_choice("selection", parse_spec("selection", self.selection)[0], SELECTIONS.names())
+        make_selection(self.selection, stream(0, "selection"))  # refused now, not at the first episode
         if self.budget_bytes is not None:
             require_count(1, budget_bytes=self.budget_bytes)
         attacks_by_agent(self.attacks)  # its own checks run now

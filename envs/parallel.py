@@ -39,7 +39,7 @@ from coopsim.types.driving import CarState
 from coopsim.types.lies import Lie
 from coopsim.types.messages import MOST_STRANGERS
 from coopsim.viz.bev import BevFrame
-from coopsim.wire.actions import action_space, idle, unpack_actions
+from coopsim.wire.actions import action_spaces, idle, unpack_actions
 from coopsim.wire.columns import space_of
 from coopsim.world.snapshot import RoadMap
 
@@ -98,9 +98,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         }
         form = replace(source.format, strangers=MOST_STRANGERS if options.attacks else 0)
         self._observation_spaces = {name: form.space(name) for name in source.specs}
-        self._action_spaces = {
-            name: action_space(spec.command, spec.message) for name, spec in self.agent_specs.items()
-        }
+        self._action_spaces = action_spaces(self.agent_specs, any_score=source.any_score)
         self.state_space = spaces.Box(-np.inf, np.inf, (source.capacity, 11), np.float64)
         self._frame: Frame | None = None
         self._seed: int | None = None
@@ -209,8 +207,9 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             InvalidActionError: names the agent and what is wrong. The environment is as it was before.
         """
         frame = self._running()
-        driving = {name: spec.command for name, spec in self.agent_specs.items() if spec.command is not None}
-        tracks, commands, said = unpack_actions(self.agents, actions, driving, self._parts)
+        cars = {name: spec.command for name, spec in self.agent_specs.items() if spec.command is not None}
+        any_score = self._source.any_score
+        tracks, commands, said = unpack_actions(self.agents, actions, cars, self._parts, any_score=any_score)
         messages = self._exchange.compose(frame, said)
         self._halfway = True
         counts = self._scores.update(frame, tracks, self.lies)

@@ -81,6 +81,7 @@ class Replay(FrameSource):
     """
 
     region_m = None
+    any_score = True
     road_map = RoadMap((), (), (), ())
 
     _recording: Recording

@@ -36,10 +36,7 @@ steps = int(sys.argv[1]) if len(sys.argv) > 1 else 4
 recipe = find_recipe("attfuse").changed(name="gated", steps=steps, **{"network.fusion": "gated"})
 if steps < 100:  # to see that it runs
     recipe = recipe.changed(block=1, validate_every=0, **{"world.frames": 2, "world.cars": [2, 2]})
-weights = train(
-    recipe, f"gated-{steps}", workers=0 if steps < 100 else 1,
-    show=lambda now: print(f"step {now.step}: loss {now.losses['loss']:.2f}"),
-)  # fmt: skip
+weights = train(recipe, f"gated-{steps}", show=lambda now: print(f"step {now.step}: loss {now.losses['loss']:.2f}"))
 
 options = {"seed": 0, "lidar": "HDL-32E", "max_cycles": 3 if steps < 100 else 100}
 for policy, detector in ((LearnedFusion(weights=str(weights)), "none"), ("no_fusion", "pillars")):

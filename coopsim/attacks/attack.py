@@ -9,13 +9,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from coopsim.catalog import class_at
 from coopsim.comms.envelope import decode_detections, decode_tracks
 from coopsim.config.spec import instantiate, parse_spec
 from coopsim.errors import CodecError, InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.support.registry import Registry
+from coopsim.support.user_code import class_at
 from coopsim.types import NS_PER_S, AgentSpec, Detections, Ints, Message, Observation, Sweep
 from coopsim.types.track_estimates import TrackEstimates
 
@@ -160,6 +160,8 @@ class Attack:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0:
                 raise InvalidValueError(f"{name} must be a time >= 0 in seconds, got {value!r}")
+        if self.end_s < self.start_s:
+            raise InvalidValueError(f"end_s must be at least start_s {self.start_s:g}, got {self.end_s:g}")
         if not (self.against is None or isinstance(self.against, str)):
             raise InvalidValueError(f"against must be the name of an agent or None, got {self.against!r}")
 

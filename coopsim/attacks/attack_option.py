@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from coopsim.attacks.attack import AttackOption, make_attack
 from coopsim.errors import InvalidValueError
+from coopsim.support.user_code import names_code
 
 AttacksOption = Mapping[str, AttackOption | Sequence[AttackOption]] | str | None
 """Attacks by agent, one or several each; the text of that, such as "cav_1=ghost(ahead_m=15) + rsu_0=remove"; or None:
@@ -14,8 +15,10 @@ all are honest."""
 _ACCEPTED = 'a mapping of agents to attacks, or a text like "cav_1=ghost(ahead_m=15) + rsu_0=remove"'
 
 
-def attacks_by_agent(option: AttacksOption) -> dict[str, tuple[AttackOption, ...]]:
+def attacks_by_agent(option: AttacksOption, *, run_code: bool = True) -> dict[str, tuple[AttackOption, ...]]:
     """Return the attacks of each agent that lies.
+
+    Each is tried, but without `run_code` not those that name code: the text may be a stranger's.
 
     Raises:
         InvalidValueError, UnknownNameError: it has another shape, or an attack is not accepted.
@@ -32,15 +35,19 @@ def attacks_by_agent(option: AttacksOption) -> dict[str, tuple[AttackOption, ...
         if not (isinstance(agent, str) and agent and attacks):
             raise InvalidValueError(f"attacks must be {_ACCEPTED}, got {agent!r}: {given!r}")
         for each in attacks:
-            make_attack(each)  # refused now, not at the first episode
+            if run_code or not (isinstance(each, str) and names_code(each)):
+                make_attack(each)  # refused now, not at the first episode
         found[agent] = attacks
     return found
 
 
 def spell_attacks(option: AttacksOption) -> str:
-    """Return the option as one text, which reads the same; empty: all are honest. Errors as `attacks_by_agent`."""
+    """Return the option as one text, which reads the same; empty: all are honest. Errors as `attacks_by_agent`.
+
+    It runs no code that the option names: texts in stored results are strangers'.
+    """
     parts = []
-    for agent, attacks in attacks_by_agent(option).items():
+    for agent, attacks in attacks_by_agent(option, run_code=False).items():
         for each in attacks:
             if not isinstance(each, str):
                 raise InvalidValueError(f"attacks must be texts to be written down, got {each!r} for {agent}")

@@ -103,21 +103,27 @@ def _complete(
 ) -> tuple[dict[Kind, float], int]:
     """Return seconds of every wanted kind, and how many were measured.
 
-    Where many are unknown, each policy is measured in the first environment, and the first policy in each of the
-    others: a policy's seconds are taken to grow from one environment to another as the first policy's do.
+    Where many are unknown, each policy is measured in the first environment, and the slowest of them in each of the
+    others: a policy's seconds are taken to grow from one environment to another as the slowest one's do. One whose car
+    crashes early is quick, and says little of the others.
     """
     found = dict(known)
     unknown = [kind for kind in wanted if kind not in found]
     policies = list(dict.fromkeys(policy for policy, _ in unknown))
     environments = list(dict.fromkeys(environment for _, environment in unknown))
-    cross = {(policy, environments[0]) for policy in policies} | {(policies[0], each) for each in environments[1:]}
-    measured = sorted(cross - found.keys()) if unknown else []
-    found |= {kind: measure(kind) for kind in measured}
+    if not unknown:
+        return found, 0
+    first = environments[0]
+    found |= {(policy, first): measure((policy, first)) for policy in policies if (policy, first) not in known}
+    slowest = max(policies, key=lambda policy: found[policy, first])
+    rest = [(slowest, each) for each in environments[1:] if (slowest, each) not in known]
+    found |= {kind: measure(kind) for kind in rest}
+    measured = len(found) - len(known)
     for policy, environment in unknown:
         if (policy, environment) not in found:
-            growth = found[policies[0], environment] / max(found[policies[0], environments[0]], 1e-9)
-            found[policy, environment] = found[policy, environments[0]] * growth
-    return found, len(measured)
+            growth = found[slowest, environment] / max(found[slowest, first], 1e-9)
+            found[policy, environment] = found[policy, first] * growth
+    return found, measured
 
 
 def _kind(job: Job) -> Kind:

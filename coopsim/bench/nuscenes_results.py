@@ -42,6 +42,7 @@ from coopsim.metrics.clear import NearSweep, sweep_near
 from coopsim.metrics.matching import NEAR_M, find_candidate_pairs
 from coopsim.metrics.track_log import FlatLog, TrackLog
 from coopsim.support.files import locked, make_folder
+from coopsim.support.user_code import code_in
 from coopsim.types import GroundTruth, Ints, ObjectClass, Tracks
 from coopsim.wire.actions import unpack_actions
 
@@ -138,6 +139,8 @@ def read_plan(export: Path) -> tuple[ExportPlan, NuscenesFormat]:
     if card["state"] != DONE:
         raise InvalidValueError(f"{export} must be a finished export: run the command that made it again")
     refuse_writing(card["options"], f"{export / CARD}: options")
+    if (code := code_in(card["options"])) is not None:
+        raise InvalidValueError(f"{export / CARD}: options must not name code to run, got {code!r}")
     return ExportPlan(
         card["format"], card["environment"], tuple(card["seeds"]), card["frames"], card["options"]
     ), writer

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 def _add_report(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("out", type=Path, metavar="FOLDER", help="of `coopsim bench`")
     add_all_grids(parser)
-    trust = "run policies again that the results name as module:Class or file.py:Class, for clips"
+    trust = "run code again that the results name as module:Class or file.py:Class, for clips"
     parser.add_argument("--trust", action="store_true", help=trust)
     _add_outputs(parser)
 
@@ -118,7 +118,7 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     presets = "quick, latency, pose, loss, bandwidth, paper, safety, lies, leaderboard, ...: see `list presets`"
     add("--preset", metavar="NAME", help=presets)
     add("--grid", type=Path, metavar="FILE", help="YAML with these names, underscores for dashes")
-    add("--trust", action="store_true", help="run policies that FILE names as module:Class or file.py:Class")
+    add("--trust", action="store_true", help="run code that FILE names as module:Class or file.py:Class")
     add("--policies", type=policies, metavar="A,B(x=1)", help="see `list`; all; or module:Class, or file.py:Class")
     add("--policy", type=policy, action="append", default=[], metavar="A", help="one more; may be given several times")
     worlds = add(

@@ -34,7 +34,7 @@ def _add_clip(parser: argparse.ArgumentParser) -> None:
     add("--seconds", type=count, default=30, help="length of the film (default: %(default)s)")
     add("--title", default="", help="default: situation and seed")
     add_all_grids(parser)
-    add("--trust", action="store_true", help="run policies that FOLDER names as module:Class or file.py:Class")
+    add("--trust", action="store_true", help="run code that FOLDER names as module:Class or file.py:Class")
     run = parser.add_argument_group("a situation", "runs it until one of the two crashes and the other does not")
     run.add_argument("--alone", type=policy, default="no_fusion", metavar="A", help="default: %(default)s")
     run.add_argument("--sharing", type=policy, default="late_fusion(delayed=replay)", metavar="B", help="%(default)s")

@@ -15,6 +15,7 @@ from coopsim.cli.arguments import (
     add_attack,
     add_detector,
     add_device,
+    add_old_name,
     add_options,
     add_population,
     as_json,
@@ -64,7 +65,8 @@ def _add_demo(parser: argparse.ArgumentParser) -> None:
     add_detector(parser)
     add_device(parser)
     add_options(parser, "of the environment, such as lidar=VLP-16, channel=FILE or, of town, place_seed=7")
-    add("--report", type=Path, default=Path("coopsim-demo.html"), metavar="PATH", help="default: %(default)s")
+    out = add("--out", type=Path, default=Path("coopsim-demo.html"), metavar="PATH", help="default: %(default)s")
+    add_old_name(parser, "--report", out)
     add("--json", type=Path, metavar="PATH", help="write the numbers here as well")
 
 
@@ -76,9 +78,9 @@ def _run_demo(options: argparse.Namespace) -> int:
     from coopsim.metrics.score import without_nan
 
     demo = Demo(_config(options))
-    if options.json is not None and options.json.resolve() == options.report.resolve():
-        raise InvalidValueError(f"--json and --report must be two files, got {options.json} for both")
-    for path in filter(None, (options.report, options.json)):
+    if options.json is not None and options.json.resolve() == options.out.resolve():
+        raise InvalidValueError(f"--json and --out must be two files, got {options.json} for both")
+    for path in filter(None, (options.out, options.json)):
         require_writable(path)
     interrupted = False
     total = len(demo.config.policies) * len(demo.config.latencies_s) * demo.config.frames
@@ -94,7 +96,7 @@ def _run_demo(options: argparse.Namespace) -> int:
         print(format_visibility([(run.about, run.evaluation.score.visibility) for run in demo.runs]))
         if options.json is not None:
             write_whole(options.json, as_json([{**about, **without_nan(values)} for about, values in rows]))
-        print(f"report: {demo.write_report(options.report, options.typed)}")
+        print(f"report: {demo.write_report(options.out, options.typed)}")
     if interrupted:
         kept = f"{len(demo.runs)} finished {'run was' if len(demo.runs) == 1 else 'runs were'} kept"
         print(f"coopsim: interrupted; {kept}", file=sys.stderr)

@@ -26,6 +26,7 @@ from coopsim.cli.train_command import TRAIN
 from coopsim.cli.world_commands import RECORD, TOWN
 from coopsim.errors import CoopsimError
 from coopsim.support.interrupts import repeated_interrupts
+from coopsim.support.printable import printable
 
 _COMMANDS = {
     "demo": DEMO,
@@ -60,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with repeated_interrupts():
             return int(options.command(options))
     except CoopsimError as error:
-        print(f"coopsim: error: {error}", file=sys.stderr)
+        print(f"coopsim: error: {printable(str(error), chr(10))}", file=sys.stderr)
         return USER_ERROR
     except KeyboardInterrupt:
         print("coopsim: interrupted", file=sys.stderr)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import coopsim
+from coopsim.errors import MissingDependencyError
 from coopsim.support.registry import Registry
 
 Entry = dict[str, Any]
@@ -36,11 +37,12 @@ def listing() -> dict[str, Callable[[], list[Entry]]]:
         "detectors": partial(_registered, DETECTORS),
         "embedders": partial(_registered, EMBEDDERS),
         "uplinks": partial(_registered, UPLINKS),
+        "fusions": _fusions,
         "codecs": lambda: [entry | {"content": CODECS.get(entry["name"]).content} for entry in _registered(CODECS)],
         "camera rigs": _rigs,
         "planners": partial(_registered, PLANNERS),
         "attacks": partial(_registered, ATTACKS),
-        "defenses": partial(_registered, DEFENSES),
+        "defenses": lambda: [_with_needs(entry, DEFENSES.get(entry["name"])) for entry in _registered(DEFENSES)],
         "metrics": _metrics,
         "rewards": partial(_registered, REWARDS),
         "export formats": partial(_registered, EXPORT_FORMATS),
@@ -56,6 +58,13 @@ def _registered(registry: Registry[Any]) -> list[Entry]:
 
 def _entry(name: str, description: str, aliases: Iterable[str] = ()) -> Entry:
     return {"name": name, "description": description, **({"aliases": list(aliases)} if aliases else {})}
+
+
+def _with_needs(entry: Entry, defense: Any) -> Entry:
+    """Add to a defence what it needs besides messages."""
+    needs = ["a LiDAR"] * defense.needs_lidar + ["the truth"] * defense.needs_truth
+    said = f" (needs {' and '.join(needs)})" if needs else ""
+    return entry | {"description": f"{entry['description']}{said}"}
 
 
 def _first_sentence(thing: Any) -> str:
@@ -89,6 +98,15 @@ def _environments() -> list[Entry]:
         return "Draw a town for each episode" if bare == TOWN else _first_sentence(coopsim.ENVIRONMENTS.get(name))
 
     return [_entry(name, described(name)) for name in coopsim.ENVIRONMENTS]
+
+
+def _fusions() -> list[Entry]:
+    """Return the fusions of feature maps; none where torch, which they are made of, is not installed."""
+    try:
+        from coopsim.nn.fusion import FUSIONS
+    except MissingDependencyError:
+        return []
+    return _registered(FUSIONS)
 
 
 def _metrics() -> list[Entry]:

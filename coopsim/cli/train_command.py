@@ -40,6 +40,7 @@ def _add_train(parser: argparse.ArgumentParser) -> None:
     add("--steps", type=count, help="of the optimizer (default: the recipe's)")
     add("--workers", type=count_or_zero, default=1, help="processes that make batches ahead (default: %(default)s)")
     add("--cache", type=Path, metavar="DIR", help="of clips: those in it are read, others are made and stored")
+    add("--trust", action="store_true", help="run code that the file RECIPE names as file.py:Class or module:Class")
     add_device(parser, default="auto")
     add("--json", type=Path, metavar="PATH", help="write the card of the weights here as well")
     add_options(parser, "of the recipe, as lr=0.001 or world.environments=[FOLDER]")
@@ -83,7 +84,9 @@ def _recipe(options: argparse.Namespace) -> TrainingRecipe:
 
     flags = {"steps": "--steps", "start": "--start"}
     given = {"steps": options.steps, "start": options.start, "world.environments": options.environments or None}
-    recipe = find_recipe(options.recipe).changed(**{name: each for name, each in given.items() if each is not None})
+    recipe = find_recipe(options.recipe, trust=options.trust).changed(
+        **{name: each for name, each in given.items() if each is not None}
+    )
     return recipe.changed(**named_options(options, flags))
 
 

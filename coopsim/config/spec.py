@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import require_choice
+from coopsim.support.printable import require_printable
 
 T = TypeVar("T")
 
@@ -31,6 +32,7 @@ def parse_spec(
 
     `kind` ("policy") and the `accepted` shapes are for the `InvalidValueError` of a text of another shape.
     """
+    require_printable(**{kind: text.strip() if isinstance(text, str) else text})
     match = _SHAPE.fullmatch(text.strip()) if isinstance(text, str) else None
     if match is None:
         raise InvalidValueError(f"{kind} must be {accepted}, got {text!r}")

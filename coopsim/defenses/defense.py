@@ -10,11 +10,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from coopsim.catalog import class_at
 from coopsim.config.spec import instantiate, parse_spec
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.registry import Registry
+from coopsim.support.user_code import class_at
 from coopsim.types import AgentSpec, Detections, FeatureMap, Message, Observation
 
 LEAST_TRUST = 0.5

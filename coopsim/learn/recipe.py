@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from coopsim.config.checked_entry import plain
 from coopsim.config.load import load
-from coopsim.config.yaml_file import Section, read_yaml
+from coopsim.config.yaml_file import Section, path_from, read_yaml
 from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.support.checks import (
     require_between,
@@ -20,6 +20,7 @@ from coopsim.support.checks import (
     require_probability,
 )
 from coopsim.support.precision import PRECISIONS
+from coopsim.support.user_code import code_in, names_file
 
 _FOLDER = Path(__file__).parent / "recipes"
 
@@ -176,12 +177,15 @@ class TrainingRecipe:
         return replace(self, **given)
 
 
-def find_recipe(recipe: TrainingRecipe | str | Path) -> TrainingRecipe:
+def find_recipe(recipe: TrainingRecipe | str | Path, *, trust: bool = False) -> TrainingRecipe:
     """Return a recipe by the name of a shipped one or the path of a YAML file.
+
+    `trust` lets a file name code to run, as the place of a fusion, `file.py:Class`, which is relative to the file.
 
     Raises:
         UnknownNameError: there is no such recipe, or a key is unknown.
-        InvalidValueError: the file is missing or broken, or a value is not accepted; names the line.
+        InvalidValueError: the file is missing or broken, names code without `trust`, or a value is not accepted; names
+            the line.
     """
     if isinstance(recipe, TrainingRecipe):
         return recipe
@@ -193,9 +197,23 @@ def find_recipe(recipe: TrainingRecipe | str | Path) -> TrainingRecipe:
     if not isinstance(content, Section):
         raise InvalidValueError(f"{path}: a recipe must be names and values, got {content!r}")
     content.setdefault("name", path.stem)
+    _place_code(content, path, trust)
     try:
         made = load(TrainingRecipe, content, "recipe")
     except CoopsimError as error:
         raise error.at(content.blame(error) or str(path)) from error
     assert isinstance(made, TrainingRecipe)
     return made
+
+
+def _place_code(content: Section, path: Path, trust: bool) -> None:
+    """Refuse code that a file names without trust, and find the file of a fusion beside the recipe's."""
+    for key, value in content.items():
+        if (code := code_in(value)) is not None and not trust:
+            problem = f"a recipe's file names code to run, {code!r}: give it by --option, or add --trust"
+            raise InvalidValueError(problem).at(content.place(key))
+    network = content.get("network")
+    fusion = network.get("fusion") if isinstance(network, Mapping) else None
+    if isinstance(fusion, str) and names_file(fusion):
+        file, _, name = fusion.rpartition(":")
+        content["network"]["fusion"] = f"{path_from(path.parent, file)}:{name}"

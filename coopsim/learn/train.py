@@ -42,6 +42,7 @@ def train(
     workers: int = 1,
     validate: Validate | None = None,
     show: Callable[[TrainingProgress], object] | None = None,
+    trust: bool = False,
 ) -> Path:
     """Train a network. Return the path of its weights, in `out`.
 
@@ -58,13 +59,14 @@ def train(
         workers: processes that make batches ahead; 0: made in between.
         validate: returns values of held-out places by name, every `validate_every` steps of the recipe.
         show: called after each step.
+        trust: run code that a recipe's file names, such as "mine.py:MyFusion".
 
     Raises:
         InvalidValueError, UnknownNameError: the recipe is not accepted, or `out` holds another training, or is in use
             by another process.
         TrainingError: the losses are no numbers, or diverge; the last checkpoint is kept.
     """
-    recipe, folder = find_recipe(recipe), Path(out)
+    recipe, folder = find_recipe(recipe, trust=trust), Path(out)
     require_seed(seed)
     make_folder(folder)
     threads = torch.get_num_threads()

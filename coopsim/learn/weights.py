@@ -32,6 +32,7 @@ from coopsim.nn.integrated.integrated_net import IntegratedConfig, IntegratedNet
 from coopsim.nn.queries.query_net import QueryConfig, QueryNet
 from coopsim.nn.ranking_net import RankingConfig, RankingNet
 from coopsim.support.precision import note_weights
+from coopsim.support.user_code import code_in
 from coopsim.types.taxonomy import CLASS_NAMES
 
 SUFFIX = ".safetensors"
@@ -100,13 +101,17 @@ def make_network(kind: str, config: Mapping[str, Any], seed: int = 0) -> Any:
         return network(checked)
 
 
-def load_network(kind: str, name_or_path: str | Path, detector: DetectorNet | None = None) -> Any:
+def load_network(
+    kind: str, name_or_path: str | Path, detector: DetectorNet | None = None, fusion: str | None = None
+) -> Any:
     """Return a network with weights, in evaluation mode. All callers share it: it must not be changed.
 
     Args:
         kind: one of `NETWORKS`.
         name_or_path: name of shipped weights, or path of a file.
         detector: detector whose features the network reads; it must have the encoder of the training.
+        fusion: fusion of the weights as the user names it, if that is code, such as "mine.py:MyFusion": no file of
+            weights runs code that the user has not named. None: a registered one.
 
     Raises:
         UnknownNameError: there are no such weights.
@@ -116,7 +121,7 @@ def load_network(kind: str, name_or_path: str | Path, detector: DetectorNet | No
     texts = read_texts(path)
     if texts.get("kind") != kind:
         raise InvalidValueError(f"{path}: must be weights of the kind {kind!r}, is {texts.get('kind')!r}")
-    net = _loaded(path, digest(path))
+    net = _loaded(path, digest(path), _named_fusion(path, texts, fusion))
     reads_features = kind != "covariance" or net.config.features
     if detector is not None and reads_features and texts.get("encoder_digest") != encoder_digest(detector):
         raise InvalidValueError(
@@ -132,9 +137,11 @@ def load_detector(name_or_path: str | Path = "pillars") -> DetectorNet:
     return net
 
 
-def load_cooperative(name_or_path: str | Path, detector: DetectorNet | None = None) -> CooperativeNet:
+def load_cooperative(
+    name_or_path: str | Path, detector: DetectorNet | None = None, fusion: str | None = None
+) -> CooperativeNet:
     """Return the network of cooperating agents; see `load_network`."""
-    net: CooperativeNet = load_network("cooperative", name_or_path, detector)
+    net: CooperativeNet = load_network("cooperative", name_or_path, detector, fusion)
     return net
 
 
@@ -264,10 +271,35 @@ def encoder_digest(detector: DetectorNet) -> str:
     return found.hexdigest()
 
 
+def _named_fusion(path: Path, texts: Mapping[str, str], fusion: str | None) -> str | None:
+    """Return the place of the fusion of weights as the user names it; None where it is a registered one.
+
+    Raises:
+        InvalidValueError: the file names code and the user does not, or the user names another class.
+    """
+    config = _said(path, texts, "config")
+    code = code_in(config)
+    if code is None and fusion is None:
+        return None
+    stored = config.get("fusion") if isinstance(config, dict) else None
+    if code not in (None, stored):
+        raise InvalidValueError(f"{path}: must not name code but as its fusion, got {code!r}")
+    if code is None or (fusion is not None and str(stored).rpartition(":")[2] != fusion.rpartition(":")[2]):
+        raise InvalidValueError(f"{path}: fusion must be that of the training, {stored!r}, got {fusion!r}")
+    if fusion is None:
+        raise InvalidValueError(
+            f"{path}: its fusion is code, {stored!r}, which runs only if you name it: fusion={stored!r} beside weights "
+            "of a policy, network.fusion of a training"
+        )
+    return fusion
+
+
 @lru_cache(_LOADED)
-def _loaded(path: Path, _digest: str) -> Any:
+def _loaded(path: Path, _digest: str, fusion: str | None = None) -> Any:
     texts = read_texts(path)
     config, classes = (_said(path, texts, key) for key in ("config", "classes"))
+    if fusion is not None:
+        config = {**config, "fusion": fusion}
     if classes != list(CLASS_NAMES):
         other = sorted(set(CLASS_NAMES).symmetric_difference(map(str, classes if isinstance(classes, list) else ())))
         raise InvalidValueError(f"{path}: the weights are for other classes; not in both: {', '.join(other)}")

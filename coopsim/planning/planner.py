@@ -6,10 +6,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from coopsim.catalog import class_at
 from coopsim.config.spec import instantiate, parse_spec
 from coopsim.errors import InvalidValueError
 from coopsim.support.registry import Registry
+from coopsim.support.user_code import class_at
 from coopsim.types import Tracks
 from coopsim.types.driving import Route
 

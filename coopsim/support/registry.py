@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import importlib
+import sys
 from collections.abc import Callable, Iterator
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
+from weakref import WeakSet
 
 from coopsim.errors import DuplicateNameError, UnknownNameError
+from coopsim.support.printable import require_printable
 
 T = TypeVar("T")
+
+
+_REGISTRIES: WeakSet[Registry[Any]] = WeakSet()
+_LIBRARY = "coopsim"
 
 
 class Registry(Generic[T]):
@@ -27,15 +34,20 @@ class Registry(Generic[T]):
         self._home, self._group = home, group
         self._entries: dict[str, T] = {}
         self._aliases: dict[str, str] = {}
+        self._homes: dict[str, str] = {}
+        self._module = sys._getframe(1).f_globals.get("__name__", "")
+        _REGISTRIES.add(self)
 
     def register(self, name: str, *, alias: str | None = None) -> Callable[[T], T]:
         """Return a decorator that registers an object; an alias is found, too, but not listed."""
+        home = _registrant()
 
         def enter(entry: T) -> T:
             for each in (name, *([] if alias is None else [alias])):
+                require_printable(**{f"name of a {self.kind}": each})
                 if each in self._entries or each in self._aliases:
                     raise DuplicateNameError(f"{self.kind} {each!r} is already registered")
-            self._entries[name] = entry
+            self._entries[name], self._homes[name] = entry, home
             if alias is not None:
                 self._aliases[alias] = name
             return entry
@@ -72,6 +84,10 @@ class Registry(Generic[T]):
             raise UnknownNameError(f"{self.kind} class", entry.__qualname__, self.names())
         return names[0]
 
+    def added(self) -> dict[str, str]:
+        """Return the modules that have registered entries, by name, of those that are outside the library."""
+        return {name: home for name, home in self._homes.items() if home.partition(".")[0] != _LIBRARY}
+
     def aliases_of(self, name: str) -> tuple[str, ...]:
         """Return the second names of the entry called `name`."""
         return tuple(alias for alias, entry in self._aliases.items() if entry == name)
@@ -90,6 +106,11 @@ class Registry(Generic[T]):
     def __iter__(self) -> Iterator[str]:
         return iter(self.names())
 
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """Pickle a module's registry as its place: another process has its own."""
+        names = [name for name, value in vars(sys.modules.get(self._module)).items() if value is self]
+        return (_registry_at, (self._module, names[0])) if names else super().__reduce_ex__(protocol)
+
     def _load_home(self) -> None:
         if self._home is not None:
             importlib.import_module(self._home)
@@ -97,3 +118,24 @@ class Registry(Generic[T]):
     @cached_property
     def _points(self) -> tuple[EntryPoint, ...]:
         return tuple(entry_points(group=self._group)) if self._group else ()
+
+
+def registries() -> list[Registry[Any]]:
+    """Return the registries that this process has loaded, sorted by kind."""
+    return sorted(_REGISTRIES, key=lambda each: each.kind)
+
+
+def _registry_at(module: str, name: str) -> Any:
+    return getattr(importlib.import_module(module), name)
+
+
+def _registrant() -> str:
+    """Return the name of the module that registers: the first one outside the library that called, or the library's."""
+    frame = sys._getframe(2)
+    while frame.f_back is not None and frame.f_code.co_name != "<module>" and _is_ours(frame.f_globals):
+        frame = frame.f_back
+    return str(frame.f_globals.get("__name__", ""))
+
+
+def _is_ours(content: dict[str, Any]) -> bool:
+    return str(content.get("__name__", "")).partition(".")[0] == _LIBRARY

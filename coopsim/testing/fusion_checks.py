@@ -24,7 +24,8 @@ def check_fusion(fusion: str | Callable[[int], FeatureFusion], features: int = 6
     gradients reach every sender's valid cells. Weights are drawn at random, those that start as zeros, too.
 
     Args:
-        fusion: a registered name, or a class or function that is called with the number of channels.
+        fusion: a registered name, a place such as "mine.py:MyFusion", or a class or function that is called with the
+            number of channels.
         features: number of channels.
 
     Raises:
@@ -33,9 +34,10 @@ def check_fusion(fusion: str | Callable[[int], FeatureFusion], features: int = 6
         MissingDependencyError: torch is not installed.
     """
     import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
-    from coopsim.nn.fusion import FUSIONS, FeatureFusion
+    from coopsim.nn.fusion import FeatureFusion
+    from coopsim.nn.fusion.feature_fusion import find_fusion
 
-    made: Any = FUSIONS.get(fusion)(features) if isinstance(fusion, str) else fusion(features)
+    made: Any = find_fusion(fusion)(features) if isinstance(fusion, str) else fusion(features)
     name = fusion if isinstance(fusion, str) else type(made).__name__
     assert isinstance(made, FeatureFusion), f"{name} must be a coopsim.nn.fusion.FeatureFusion, got {made!r}"
     _draw_weights(made)

@@ -11,8 +11,8 @@ from gymnasium import spaces
 
 from coopsim.errors import CoopsimError, InvalidActionError
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.support.arrays import as_numbers
-from coopsim.types import Tracks
+from coopsim.support.arrays import Floats, as_numbers
+from coopsim.types import AgentSpec, Tracks
 from coopsim.types.driving import ACCELERATION, LARGEST_ACCELERATION_M_S2, LARGEST_BRAKING_M_S2, MANEUVER, Command
 from coopsim.types.messages import IDLE, MANEUVERS, MessagePart, Said
 from coopsim.types.taxonomy import CLASS_NAMES
@@ -39,13 +39,24 @@ MESSAGE = "message"
 """Key of the part of an action that says what the agent sends."""
 
 
-def action_space(command: str | None = None, message: MessagePart | None = None) -> spaces.Dict:
-    """Return a space of one agent's actions: its tracks and, where it has them, `AgentSpec.command` and `message`."""
+SCORES = (0.0, 1.0)
+"""Least and largest score of a track, except where recorded detections have other scores."""
+
+_ROUNDING = 1e-6
+
+
+def action_space(
+    command: str | None = None, message: MessagePart | None = None, *, any_score: bool = False
+) -> spaces.Dict:
+    """Return a space of one agent's actions: its tracks and, where it has them, `AgentSpec.command` and `message`.
+
+    With `any_score` the scores of tracks are any numbers, as those of recorded detections.
+    """
     tracks = rows_space(
         id=spaces.Discrete(COUNTER),
         box=box_space(),
         velocity=real_space(2),
-        score=real_space(1),
+        score=real_space(1) if any_score else spaces.Box(*SCORES, (1,), np.float64),
         label=spaces.Discrete(len(CLASS_NAMES)),
     )
     parts: dict[str, spaces.Space[Any]] = {"tracks": tracks}
@@ -54,6 +65,11 @@ def action_space(command: str | None = None, message: MessagePart | None = None)
     if message is not None:
         parts[MESSAGE] = message_space(message)
     return spaces.Dict(parts)
+
+
+def action_spaces(specs: Mapping[str, AgentSpec], *, any_score: bool = False) -> dict[str, spaces.Dict]:
+    """Return the spaces of all agents' actions, by name; `any_score` as in `action_space`."""
+    return {name: action_space(spec.command, spec.message, any_score=any_score) for name, spec in specs.items()}
 
 
 def command_space(command: str) -> spaces.Discrete | spaces.Box:
@@ -79,8 +95,12 @@ def pack_tracks(tracks: Tracks) -> dict[str, Any]:
     }
 
 
-def unpack_action(agent: str, action: object, command: str | None = None) -> tuple[Tracks, Command | None]:
+def unpack_action(
+    agent: str, action: object, command: str | None = None, *, any_score: bool = False
+) -> tuple[Tracks, Command | None]:
     """Return the tracks and the command in one agent's action, checked and copied; None for agents that do not drive.
+
+    `any_score` as in `action_space`.
 
     Raises:
         InvalidActionError: names the agent, what is wrong, and what is accepted.
@@ -92,6 +112,8 @@ def unpack_action(agent: str, action: object, command: str | None = None) -> tup
     try:
         tracks = _unpack_tracks(action["tracks"])
         tracks.validate()
+        if not any_score:
+            _require_scores(tracks.score)
     except CoopsimError as error:
         raise InvalidActionError(f"{agent}: {error}") from error
     if command is None:
@@ -125,6 +147,8 @@ def unpack_actions(
     actions: object,
     commands: Mapping[str, str],
     parts: Mapping[str, MessagePart] = MappingProxyType({}),
+    *,
+    any_score: bool = False,
 ) -> tuple[dict[str, Tracks], dict[str, Command], dict[str, Said]]:
     """Return the tracks, the commands and the messages in the actions of all agents, checked and copied.
 
@@ -133,6 +157,7 @@ def unpack_actions(
         actions: actions by agent.
         commands: `AgentSpec.command` of the agents that drive, by name.
         parts: `AgentSpec.message` of the agents whose action says what they send, by name.
+        any_score: scores of tracks are any numbers, see `action_space`.
 
     Raises:
         InvalidActionError: an agent is unknown or missing, or its action is malformed.
@@ -151,7 +176,7 @@ def unpack_actions(
         action, part = actions[name], parts.get(name)
         if part is not None:
             action, said[name] = _without_message(name, action, part)
-        tracks[name], command = unpack_action(name, action, commands.get(name))
+        tracks[name], command = unpack_action(name, action, commands.get(name), any_score=any_score)
         if command is not None:
             given[name] = command
     return tracks, given, said
@@ -181,6 +206,13 @@ def _unpack_tracks(packed: object) -> Tracks:
         raise InvalidActionError(f"track id must be in 0..{COUNTER - 1}, got {track_id.min()}..{track_id.max()}")
     score = score[:, 0] if score.ndim == 2 and score.shape[1] == 1 else score
     return Tracks(track_id, Boxes3D.from_array(box), velocity, score, label)
+
+
+def _require_scores(score: Floats) -> None:
+    least, most = score.min(initial=SCORES[0]), score.max(initial=SCORES[0])
+    if least < SCORES[0] - _ROUNDING or most > SCORES[1] + _ROUNDING:
+        wrong = most if most > SCORES[1] + _ROUNDING else least
+        raise InvalidActionError(f"track score must be in [{SCORES[0]:g}, {SCORES[1]:g}], got {wrong:g}")
 
 
 def act_of(

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import reprlib
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -70,9 +72,17 @@ class PlannedDriving:
 
 def _checked(planner: Planner, car: PlannedCar, answer: Any) -> float:
     number = isinstance(answer, (int, float, np.integer, np.floating)) and not isinstance(answer, bool)
-    if not (number and math.isfinite(answer)):
-        raise _error(planner, car, f"returned {answer!r}; accepted: a finite acceleration in m/s²")
-    return float(min(max(answer, -LARGEST_BRAKING_M_S2), LARGEST_ACCELERATION_M_S2))
+    with suppress(OverflowError):  # of an integer that is no float
+        if number and math.isfinite(answer):
+            return float(min(max(answer, -LARGEST_BRAKING_M_S2), LARGEST_ACCELERATION_M_S2))
+    raise _error(planner, car, f"returned {_shown(answer)}; accepted: a finite acceleration in m/s²")
+
+
+def _shown(answer: Any) -> str:
+    try:
+        return reprlib.repr(answer)
+    except Exception:  # of an integer of more digits than Python prints, or of a user's class
+        return f"an object of {type(answer).__name__}"
 
 
 def _error(planner: Planner, car: PlannedCar, what: str) -> PlannerError:

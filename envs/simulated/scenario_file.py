@@ -29,6 +29,7 @@ from coopsim.envs.options import CommonOptions
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import CoopsimError, ScenarioFileError
 from coopsim.support.checks import require_choice
+from coopsim.support.user_code import code_in
 from coopsim.world.custom.place import read_place, write_place_file
 from coopsim.world.places.layout import Layout
 from coopsim.world.population import Population
@@ -112,6 +113,10 @@ def load_scenario_file(path: str | Path) -> ScenarioFile:
         if section in top:
             top[section].fields((), names, belongs | dict.fromkeys(_TOP, "to the top of the file, not below a key"))
     content: Section = root.value
+    for key in content:
+        if key != "place" and (code := code_in(content[key])) is not None:  # a place names no parts
+            what = f"{key} must not name code to run, got {code!r}: give it to the command or call"
+            raise ScenarioFileError(what).at(content.place(key))
     keywords = {name: content[name] for name in ("density", "seed") if name in content}
     for section in _SECTIONS:
         keywords |= content[section].with_paths() if section in content else {}

@@ -31,9 +31,9 @@ from coopsim.support.checks import (
     require_frame_time,
     require_number,
 )
-from coopsim.support.files import require_writable
 from coopsim.types.messages import AGENT_KINDS
 from coopsim.types.sensing import OBSERVED_MODES
+from coopsim.world.recording.episode_file import require_recording
 from coopsim.world.scenario import DETAILS
 
 OneLidar = str | BeamPattern | LidarConfig
@@ -279,7 +279,7 @@ class SimulationOptions(PerceptionOptions):
             if not (path is None or isinstance(path, (str, Path))):
                 raise InvalidValueError(f"{name} must be the path of a file or None, got {path!r}")
         if self.record is not None:
-            require_writable(Path(self.record))
+            require_recording(Path(self.record))
         if self.record is not None and self.playback is not None:
             raise InvalidValueError("record and playback exclude each other: a played episode is recorded already")
         if self.playback is not None and self.control != "traffic":

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import gymnasium
 
 from coopsim.errors import InvalidActionError, InvalidValueError, RecordingError, UnknownNameError
+from coopsim.support.registrations import register_packed
 
 REFUSALS = {
     "step": (InvalidActionError,),
@@ -104,7 +105,9 @@ class EnvironmentGroup:
     """
 
     def __init__(self, recipe: bytes, indices: Sequence[int]) -> None:
-        self._envs = {index: pickle.loads(recipe).make() for index in indices}
+        registrations, packed = pickle.loads(recipe)
+        register_packed(registrations)
+        self._envs = {index: pickle.loads(packed).make() for index in indices}
 
     def describe(self) -> Description:
         """Describe the first environment."""

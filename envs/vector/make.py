@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import pickle
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from coopsim.envs.vector.workers import CallingProcess, WorkerPool
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.support.checks import require_choice, require_count
 from coopsim.support.processes import cores
+from coopsim.support.registrations import pack_registrations
 
 AGENTS = ("all", "single")
 
@@ -178,13 +180,13 @@ class Recipe:
         return env
 
     def packed(self) -> bytes:
-        """Return the recipe as bytes for other processes: with the functions and classes of the caller's script.
+        """Return the recipe as bytes for other processes, with what the caller's script defines and registers.
 
         Raises:
             InvalidValueError: a part cannot be sent.
         """
         try:
-            packed: bytes = cloudpickle.dumps(self)
+            packed: bytes = pickle.dumps((pack_registrations(), cloudpickle.dumps(self)))
         except Exception as error:  # pickling runs code of what is pickled
             raise InvalidValueError(f"environment, options and wrap must be such as can be pickled: {error}") from error
         return packed

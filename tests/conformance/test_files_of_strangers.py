@@ -25,6 +25,7 @@ from coopsim.config.yaml_file import PATH_KEYS
 from coopsim.envs.options import CommonOptions, PerceptionOptions
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import GridFileError, InvalidValueError, ScenarioFileError
+from coopsim.support.user_code import code_in
 from coopsim.world.population import Population
 from coopsim.world.towns.options import PlaceSeeds, TownOptions
 
@@ -122,6 +123,43 @@ def test_a_grid_file_names_code_only_if_trusted(code: tuple[str, Path], tmp_path
         find_grid(path=path).grid()
 
 
+@pytest.mark.parametrize(
+    "content",
+    [
+        "policies: ['late_fusion(defense=\"mine.py:D\")']",
+        "policies: [no_fusion]\noptions: {planner: 'mine.py:P'}",
+        "policies: [no_fusion]\nattacks: ['cav_1=mine.py:A(x=1)']",
+    ],
+)
+def test_a_grid_file_names_no_planner_attack_or_defence_of_strangers(content: str, tmp_path: Path) -> None:
+    path = tmp_path / "grid.yaml"
+    path.write_text(content)
+    with pytest.raises(GridFileError, match=r"grid\.yaml:\d: \w+ name code to run, .*mine.py:.*--trust"):
+        find_grid(path=path)
+    assert find_grid(path=path, trust=True)
+
+
+def test_what_is_no_code_is_not_taken_for_it() -> None:
+    assert code_in({"planner": "idm_aeb(headway_s=2)", "device": "cuda:1", "many": [1, "a: b"]}) is None
+
+
+def test_a_scenario_file_names_no_code(tmp_path: Path) -> None:
+    path = tmp_path / "theirs.yaml"
+    path.write_text("scenario: crossing\noptions:\n  planner: mine.py:P\n")
+    with pytest.raises(ScenarioFileError, match=r"theirs\.yaml:\d: options must not name code to run, got 'mine.py:P'"):
+        coopsim.parallel_env(path)
+
+
+def test_results_run_no_planner_attack_or_defence_of_strangers() -> None:
+    for cell, options in (
+        (Cell("no_fusion", Condition(), 0, 2), {"planner": "mine.py:P"}),
+        (Cell("no_fusion", Condition(attacks="cav_1=mine.py:A"), 0, 2), {}),
+        (Cell("late_fusion(defense='mine.py:D')", Condition(), 0, 2), {}),
+    ):
+        result = make_rerun(options)(cell, lambda env: None)
+        assert result.traceback is not None and "which is run only with --trust" in result.traceback
+
+
 def test_a_scenario_file_names_no_file_to_write(tmp_path: Path) -> None:
     victim, path = tmp_path / "victim", tmp_path / "theirs.yaml"
     victim.write_text("mine")
@@ -135,6 +173,9 @@ def test_an_export_names_no_file_to_write(tmp_path: Path) -> None:
     card = {"format": "nuscenes", "environment": "crossing", "seeds": [0], "frames": 2, "state": "done", "episodes": {}}
     (tmp_path / "export.json").write_text(json.dumps({**card, "options": {"record": str(tmp_path / "victim")}}))
     with pytest.raises(InvalidValueError, match="must not say which file to write"):
+        read_plan(tmp_path)
+    (tmp_path / "export.json").write_text(json.dumps({**card, "options": {"planner": "mine.py:P"}}))
+    with pytest.raises(InvalidValueError, match=r"options must not name code to run, got 'mine.py:P'"):
         read_plan(tmp_path)
 
 

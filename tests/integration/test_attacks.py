@@ -126,6 +126,7 @@ def test_a_ghost_is_put_into_tracks_too_under_one_number() -> None:
         ({LIAR: "ghost(ahed_m=3)"}, UnknownNameError, "parameter 'ahed_m'"),
         ({LIAR: "ghost(ahead_m=far)"}, InvalidValueError, "ahead_m must be"),
         ({LIAR: "ghost(against=cav_7)"}, UnknownNameError, "against of cav_1 'cav_7'"),
+        ({LIAR: "ghost(start_s=5, end_s=1)"}, InvalidValueError, "end_s must be at least start_s 5, got 1"),
         ({LIAR: []}, InvalidValueError, "attacks must be a mapping"),
         ("ghost", InvalidValueError, "attacks must be a mapping of agents.*got 'ghost'"),
         (7, InvalidValueError, "attacks must be a mapping"),

@@ -69,7 +69,7 @@ def test_demo_prints_one_table_and_writes_report_and_numbers(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     report, numbers = tmp_path / "demo.html", tmp_path / "demo.json"
-    assert main(["demo", *QUICK, "--report", str(report), "--json", str(numbers)]) == 0
+    assert main(["demo", *QUICK, "--out", str(report), "--json", str(numbers)]) == 0
     table = capsys.readouterr().out
     for column in ["sAMOTA", "AMOTA", "AMOTP", "MOTA", "MOTP", "IDS", "FP", "FN", "bytes/s", "frames/s"]:
         assert column in table
@@ -94,7 +94,7 @@ def test_a_recording_is_made_and_demonstrated(tmp_path: Path, capsys: pytest.Cap
     rows = []
     for source in (["--playback", str(run)], ["--seed", "3", *QUICK]):
         numbers = tmp_path / "demo.json"
-        command = ["demo", *source, "--policies", "late_fusion", "--report", str(report), "--json", str(numbers)]
+        command = ["demo", *source, "--policies", "late_fusion", "--out", str(report), "--json", str(numbers)]
         assert main(command) == 0
         rows.append([{**row, "frames/s": 0} for row in json.loads(numbers.read_text())])
     assert rows[0] == rows[1] and len(rows[0]) == 2
@@ -113,7 +113,7 @@ def test_the_demonstration_takes_whatever_the_environment_does(tmp_path: Path, m
         "budget_bytes": 300,
         "weather": "{rain_mm_h: 5}",
     }
-    command = ["demo", *QUICK, "--report", str(tmp_path / "demo.html"), "--json", str(numbers)]
+    command = ["demo", *QUICK, "--out", str(tmp_path / "demo.html"), "--json", str(numbers)]
     command += [word for name, value in given.items() for word in ("--option", f"{name}={value}")]
     policies = f"no_fusion,late_fusion(delayed=replay,align=True),{mine}"
     assert main([*command, "--policies", policies]) == 0
@@ -137,7 +137,7 @@ def test_a_scenario_file_is_recorded_and_demonstrated(tmp_path: Path) -> None:
     header = Episode(run).header
     assert header.dt_s == 0.2 and (header.population["vehicles"], header.population["bicycles"]) == (10, 1)
     command = ["demo", "--environment", str(town), "--playback", str(run), "--policies", "late_fusion"]
-    assert main([*command, "--report", str(tmp_path / "demo.html"), "--json", str(numbers)]) == 0
+    assert main([*command, "--out", str(tmp_path / "demo.html"), "--json", str(numbers)]) == 0
     assert [row["latency"] for row in json.loads(numbers.read_text())] == ["the channel's"]
 
 
@@ -169,8 +169,31 @@ def test_a_town_is_drawn_as_a_file_that_is_recorded_and_demonstrated(tmp_path: P
         assert image.size == (900, 900)
     assert main(["record", str(town), "--frames", "3", "--out", str(tmp_path / "run")]) == 0
     shown = ["--policies", "no_fusion", "--latencies-ms", "0", "--option", "lidar=null"]
-    report = ["--report", str(tmp_path / "demo.html")]
+    report = ["--out", str(tmp_path / "demo.html")]
     assert main(["demo", "--environment", "town", "--playback", str(tmp_path / "run"), *shown, *report]) == 0
+
+
+def test_the_place_of_a_file_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    picture = tmp_path / "place.png"
+    assert main(["town", "draw", "village.yaml", "--picture", str(picture)]) == 0
+    with Image.open(picture) as image:
+        assert image.size == (900, 900) and len(image.convert("RGB").getcolors(900 * 900) or ()) > 20
+    for wrong, said in (
+        (["village.yaml"], "of a scenario file --picture FILE.png is drawn"),
+        (["village.yaml", "--picture", str(picture), "--lanes", "2"], "and no option of a seed"),
+        (["7", "--picture", str(picture)], "--out must name the scenario file to write"),
+    ):
+        capsys.readouterr()
+        assert main(["town", "draw", *wrong]) == 2
+        assert said in capsys.readouterr().err
+
+
+def test_the_old_name_of_the_demos_file_is_accepted_with_a_word(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["demo", "--report", "/nonexistent/demo.html"]) == 2
+    said = capsys.readouterr().err
+    assert "--report is now --out" in said and "cannot write /nonexistent/demo.html" in said
 
 
 def test_replay_and_leaderboard_take_policies_as_bench_does(
@@ -224,7 +247,7 @@ def test_replay_takes_every_name_as_an_agent(recordings: Path, tmp_path: Path) -
         (["demo", "--environment", "crosing"], "Did you mean 'crossing-v2'"),
         (["demo", "--latencies-ms=-5"], "latency_s must be"),
         (["demo", "--loss", "2"], "loss must be in [0, 1]"),
-        (["demo", "--report", "/nonexistent/demo.html"], "cannot write /nonexistent/demo.html"),
+        (["demo", "--out", "/nonexistent/demo.html"], "cannot write /nonexistent/demo.html"),
         (
             ["demo", "--playback", "/nonexistent"],
             "cannot read /nonexistent: No such file or directory; accepted: a file",
@@ -242,6 +265,7 @@ def test_replay_takes_every_name_as_an_agent(recordings: Path, tmp_path: Path) -
             ["leaderboard", "{recordings}", "--detections", "ego", "--out", "{recordings}/labels/0000.txt"],
             "cannot make",
         ),
+        (["record", "crossing", "--out", "{recordings}/run.csv"], "must end in .coopsim, .rec or nothing, got"),
         (["record", "crosing", "--out", "{recordings}/run"], "Did you mean 'crossing'"),
         (["record", "crossing", "--out", "/nonexistent/run"], "cannot write /nonexistent/run"),
         (["record", "twon", "--out", "{recordings}/run"], "Did you mean 'town'"),
@@ -292,6 +316,16 @@ def test_typos_in_the_command_line(arguments: list[str], message: str, capsys: p
     assert message in capsys.readouterr().err
 
 
+def test_lists_say_what_defences_need_and_have_fusions(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["list", "defenses"]) == 0
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
+    assert lines["consistency"].endswith("(needs a LiDAR)") and lines["trust"].endswith("(needs a LiDAR)")
+    assert lines["oracle"].endswith("(needs the truth)") and "(needs" not in lines["plausibility"]
+    pytest.importorskip("torch")
+    assert main(["list", "fusions"]) == 0
+    assert {line.split()[0] for line in capsys.readouterr().out.splitlines()} >= {"attfuse", "v2x_vit", "where2comm"}
+
+
 def test_list_names_everything(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list"]) == 0
     out = capsys.readouterr().out
@@ -313,7 +347,7 @@ def test_list_names_everything(capsys: pytest.CaptureFixture[str]) -> None:
 def test_ctrl_c_before_anything_is_finished_leaves_older_files(tmp_path: Path) -> None:
     report, numbers = tmp_path / "demo.html", tmp_path / "demo.json"
     numbers.write_text("older")
-    command = ["demo", "--frames", "2000", "--report", str(report), "--json", str(numbers)]
+    command = ["demo", "--frames", "2000", "--out", str(report), "--json", str(numbers)]
     screen, terminal = pty.openpty()  # progress is for terminals only, and says when the first run has begun
     termios.tcsetwinsize(terminal, (24, 80))
     with started(*command, stdout=subprocess.PIPE, stderr=terminal, cwd=tmp_path) as process:
@@ -342,7 +376,7 @@ def test_ctrl_c_later_keeps_what_is_finished(
             raise KeyboardInterrupt
 
     monkeypatch.setattr("tqdm.tqdm.update", update)
-    assert main(["demo", *QUICK, "--report", str(report), "--json", str(numbers)]) == INTERRUPTED
+    assert main(["demo", *QUICK, "--out", str(report), "--json", str(numbers)]) == INTERRUPTED
     shown = capsys.readouterr()
     assert "1 finished run was kept" in shown.err and shown.out.count("no_fusion") == 2  # a row in each table
     assert len(json.loads(numbers.read_text())) == 1 and report.stat().st_size > 10_000

@@ -159,6 +159,8 @@ class Broken(Planner):
 @pytest.mark.parametrize(
     ("answer", "match"),
     [
+        pytest.param(10**400, r"at 0.20 s returned 1000\d*\.\.\.0*; accepted: a finite acceleration", id="no float"),
+        pytest.param(10**5000, "at 0.20 s returned .*; accepted: a finite acceleration", id="an endless integer"),
         (float("nan"), "Broken of cav_0 at 0.20 s returned nan; accepted: a finite acceleration"),
         (None, "returned None"),
         (True, "returned True"),

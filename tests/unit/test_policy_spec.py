@@ -97,6 +97,7 @@ def test_a_file_is_what_it_was_when_it_was_read(tmp_path: Path) -> None:
         ("coopsim.agents.boxse:X", InvalidValueError, "Did you mean 'coopsim.agents.boxes'"),
         ("coopsim.agents.boxes:LateFusio", UnknownNameError, "Did you mean 'LateFusion'"),
         ("mine.py", InvalidValueError, "must name the class in that file, as mine.py:MyTracker"),
+        ("antigravity:1", InvalidValueError, "must name a class, as module:Class"),
         ("numpy:zeros", InvalidValueError, "must be a class derived from coopsim.Policy"),
         ("nowhere/mine.py:Blind", InvalidValueError, "cannot read nowhere/mine.py: No such file"),
         ("{folder}/mine.py:Blnd", UnknownNameError, "Did you mean 'Blind'"),

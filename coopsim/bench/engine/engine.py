@@ -22,6 +22,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.support.checks import require_choice, require_count
 from coopsim.support.memory import release_freed_memory
 from coopsim.support.processes import cause_of_end, cores, import_ray, ray_environment, start_python, start_ray
+from coopsim.support.registrations import pack_registrations, register_packed
 
 DoneT = TypeVar("DoneT")
 DoneT_co = TypeVar("DoneT_co", covariant=True)
@@ -40,11 +41,13 @@ class Work(Protocol[DoneT_co]):
         """Return the outcome where the work could not be done for no fault of its own, as where a machine died."""
 
 
-def run_work(work: Work[DoneT]) -> DoneT:
+def run_work(work: Work[DoneT], registrations: bytes | None = None) -> DoneT:
     """Do a piece of work, and release its memory: policies refer to themselves, and their maps are large.
 
-    It is a function, which can be sent to other processes.
+    It is a function, which can be sent to other processes, with what the caller has registered.
     """
+    if registrations is not None:
+        register_packed(registrations)
     done = work.run()
     release_freed_memory()
     return done
@@ -72,14 +75,15 @@ def run_on_ray(jobs: Iterator[Work[DoneT]], workers: int | None, address: str | 
     try:
         # Ray starts processes before there are tasks; a task with its own environment could not use them.
         do = ray.remote(num_cpus=1, **({} if ours else {"runtime_env": ray_environment()}))(run_work)
+        known = pack_registrations()
         # Twice as many as run, so that a free core has its next job; no more, so that the order can still change.
         at_once = 2 * max(1, int(ray.cluster_resources().get("CPU", 1)))
-        running = {do.remote(job): job for job in islice(jobs, at_once)}
+        running = {do.remote(job, known): job for job in islice(jobs, at_once)}
         try:
             while running:
                 (done,), _ = ray.wait(list(running), num_returns=1)
                 yield _outcome(ray, done, running.pop(done))
-                running.update((do.remote(job), job) for job in islice(jobs, 1))
+                running.update((do.remote(job, known), job) for job in islice(jobs, 1))
         finally:
             for unfinished in running:
                 ray.cancel(unfinished, force=True)
@@ -138,6 +142,7 @@ class _Worker(Generic[DoneT]):
         self._process = start_python(_PROGRAM)
         assert self._process.stdin is not None and self._process.stdout is not None
         self._orders, self.replies = self._process.stdin, self._process.stdout
+        self._send(pack_registrations())
         self.give(job)
 
     @property
@@ -148,8 +153,11 @@ class _Worker(Generic[DoneT]):
     def give(self, job: Work[DoneT]) -> None:
         """Hand over a job."""
         self.job = job
+        self._send(job)
+
+    def _send(self, content: object) -> None:
         try:
-            pickle.dump(job, self._orders)
+            pickle.dump(content, self._orders)
             self._orders.flush()
         except BrokenPipeError:  # it died; `take` says so
             return
@@ -174,20 +182,21 @@ class _Worker(Generic[DoneT]):
 
 
 def serve() -> None:
-    """Be a worker: read jobs from the standard input and write outcomes to the standard output.
+    """Be a worker: read registrations, then jobs, from the standard input and write outcomes to the standard output.
 
     When the parent process is gone the input ends, and this process exits at once, during a job or not.
     """
     replies = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # a policy's prints must not get among the outcomes
-    jobs: SimpleQueue[Work[Any]] = SimpleQueue()
+    jobs: SimpleQueue[Any] = SimpleQueue()
     threading.Thread(target=_listen, args=(jobs,), daemon=True).start()
+    register_packed(jobs.get())
     while True:
         pickle.dump(run_work(jobs.get()), replies)
         replies.flush()
 
 
-def _listen(jobs: SimpleQueue[Work[Any]]) -> None:
+def _listen(jobs: SimpleQueue[Any]) -> None:
     try:
         while True:
             jobs.put(pickle.load(sys.stdin.buffer))

@@ -24,11 +24,12 @@ from coopsim.bench.grid.cell import Cell, CellResult, environment_options
 from coopsim.bench.grid.policies import arithmetic_of
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.store.fingerprint import Sources, changed_parts, fingerprint, key_of, package_versions
-from coopsim.catalog import SOURCE, PolicySpec, load_source
+from coopsim.catalog import PolicySpec
 from coopsim.errors import InvalidValueError
 from coopsim.metrics.built_in import BUILT_IN, custom_metrics
 from coopsim.metrics.metric import METRICS
 from coopsim.support.checks import require_count
+from coopsim.support.user_code import SOURCE, load_source
 
 _ADDRESS = re.compile(r"\b0x[0-9a-f]{4,}")
 

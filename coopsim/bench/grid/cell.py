@@ -17,6 +17,7 @@ from coopsim.config.load import read_mapping
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_count, require_non_negative, require_number, require_probability
+from coopsim.support.printable import require_printable
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +46,7 @@ class Condition:
     attacks: str = ""
 
     def __post_init__(self) -> None:
+        require_printable(environment=self.scenario, attacks=self.attacks)
         require_non_negative(
             latency_s=self.latency_s, position_noise_m=self.position_noise_m, heading_noise_deg=self.heading_noise_deg
         )
@@ -91,6 +93,7 @@ class Cell:
     frames: int | None = 100
 
     def __post_init__(self) -> None:
+        require_printable(policy=self.policy)
         require_count(0, seed=self.seed)
         if self.frames is not None:
             require_count(1, frames=self.frames)

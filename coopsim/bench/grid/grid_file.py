@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from coopsim.bench.grid.grid import ATTRIBUTES, Grid
-from coopsim.catalog import names_code
 from coopsim.config.yaml_file import Section, read_yaml
 from coopsim.errors import CoopsimError, GridFileError, InvalidValueError
 from coopsim.support.checks import require_choice
+from coopsim.support.user_code import code_in
 
 _PRESETS = Path(__file__).parent / "presets"
 
@@ -101,8 +101,8 @@ def find_grid(
             if "scenarios" in file:
                 raise GridFileError(f"{_WORLDS} and scenarios are one list too many").at(file.place(_WORLDS))
             file.rename(_WORLDS, "scenarios")
-        if not (trust or overrides.get("policies")):
-            _refuse_code(file)
+        if not trust:
+            _refuse_code(file, overrides)
     if more_policies:
         named = overrides.get("policies") or file.get("policies") or ()
         if isinstance(named, (list, tuple)):  # `Grid` refuses anything else
@@ -110,12 +110,14 @@ def find_grid(
     return GridSource(file, overrides)
 
 
-def _refuse_code(file: Section) -> None:
-    """Refuse policies of a file whose code would be run; `Grid` refuses what is no list of texts."""
-    named = file.get("policies")
-    for text in named if isinstance(named, list) else ():
-        if isinstance(text, str) and names_code(text):
-            problem = (
-                f"policies name code to run, {text!r}: give it by --policies, or add --trust if you trust the file"
-            )
-            raise GridFileError(problem).at(file.place("policies"))
+def _refuse_code(file: Section, overrides: Mapping[str, Any]) -> None:
+    """Refuse code that a file names, such as policies, planners and attacks, where nothing takes its place."""
+    for key, value in file.items():
+        if key == "options" and isinstance(value, Mapping):
+            value = {name: each for name, each in value.items() if name not in overrides.get("options", {})}
+        elif overrides.get(key):
+            continue
+        if (code := code_in(value)) is not None:
+            flag = "--policies" if key == "policies" else "the command"
+            problem = f"{key} name code to run, {code!r}: give it by {flag}, or add --trust if you trust the file"
+            raise GridFileError(problem).at(file.place(key))

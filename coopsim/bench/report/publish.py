@@ -27,12 +27,13 @@ from coopsim.bench.results.standings import worst_windows
 from coopsim.bench.safety.pairs import CRASH, film_pairs, telling_pairs
 from coopsim.bench.safety.safety_plots import crash_plots
 from coopsim.bench.safety.safety_text import to_safety_markdown
-from coopsim.catalog import PolicySpec, names_code, refuse_writing
+from coopsim.catalog import PolicySpec, refuse_writing
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
 from coopsim.metrics.built_in import BYTES
 from coopsim.metrics.metric import PRIMARY_METRIC
 from coopsim.support.checks import require_count, require_non_negative
 from coopsim.support.files import make_folder, write_whole
+from coopsim.support.user_code import code_in
 
 _UNITS: Mapping[str, str] = {"_ms": "ms", "_mbit_s": "Mbit/s", "_deg": "deg", "_m": "m"}
 """Units by the endings of names."""
@@ -149,13 +150,13 @@ def make_rerun(
     """Return a function that runs a cell as the benchmark does, and calls another after every frame.
 
     `options` of the environments and `isolation` of the policies are those in the results' folder; `trust` lets it run
-    code that the cell's policy names.
+    code that the cell and the options name: a policy, planner, attack or defence.
     """
 
     def run(cell: Cell, on_frame: OnFrame) -> CellResult:
         try:
-            if names_code(cell.policy) and not trust:
-                raise InvalidValueError("its policy names code, which is run only with --trust")
+            if not trust and (code := code_in([cell.policy, cell.condition.as_dict(), dict(options)])) is not None:
+                raise InvalidValueError(f"it names code, {code!r}, which is run only with --trust")
             refuse_writing(options, "the results' options")
             apart = Isolation(FRAME_LIMIT_S if isolation else None)
             job = Job.of(cell, options, PolicySpec.parse(cell.policy), isolation=apart)

@@ -24,6 +24,8 @@ from coopsim.catalog import SCENARIO_SUFFIXES, PolicySpec, is_recordings_folder
 from coopsim.config.spec import parse_spec
 from coopsim.config.yaml_file import path_from, read_yaml
 from coopsim.errors import InvalidValueError
+from coopsim.support.registrations import added_parts
+from coopsim.support.user_code import modules_beside
 
 if TYPE_CHECKING:
     from coopsim.bench.engine.job import MetricSpec
@@ -71,6 +73,8 @@ def fingerprint(
         package = module.partition(".")[0]
         if source is not None:
             code[name] = _digest(source.encode())
+            beside = modules_beside(policy.place, source) if name == "policy" else ()
+            code |= {f"{path.stem} beside the policy": _digest("\0".join(_files_of(path)).encode()) for path in beside}
         elif package != "coopsim":
             code[package] = sources.described(package)
     plain, needs = plain_options(options), getattr(kind, "needs", None)
@@ -122,8 +126,9 @@ class Sources:
 
 
 def _plug_ins(said: bytes) -> list[str]:
-    """Return the packages of installed plug-ins, of any kind, whose names are in a text."""
-    return sorted({package for name, package in _installed() if name.encode() in said})
+    """Return the packages of plug-ins, of any kind, whose names are in a text: installed, or registered by a module."""
+    added = {(name, module.partition(".")[0]) for _, name, module in added_parts()}
+    return sorted({package for name, package in _installed() | added if name.encode() in said})
 
 
 @cache
@@ -219,16 +224,26 @@ def _sources(package: str) -> Iterator[str]:
     spec = None if module is not None else find_spec(package)
     roots = getattr(module, "__path__", None) if spec is None else spec.submodule_search_locations
     if roots is None:
-        yield _digest_of_file(Path(str(spec.origin if spec is not None else getattr(module, "__file__", None))))
-        return
+        origin = spec.origin if spec is not None else getattr(module, "__file__", None)
+        if origin is None:
+            raise InvalidValueError(f"parts must be registered by a file, got some of {package!r}, which has none")
+        roots = [origin]
     for root in roots:
-        for folder, folders, names in os.walk(root, followlinks=True):
-            folders.sort()
-            for name in sorted(names):
-                if name.endswith(_CODE_SUFFIXES):
-                    path = Path(folder, name)
-                    yield path.relative_to(root).as_posix()
-                    yield _digest_of_file(path)
+        yield from _files_of(Path(root))
+
+
+def _files_of(root: Path) -> Iterator[str]:
+    """Yield the digest of a file, or names and digests of a folder's files of code and data."""
+    if not root.is_dir():
+        yield _digest_of_file(root)
+        return
+    for folder, folders, names in os.walk(root, followlinks=True):
+        folders.sort()
+        for name in sorted(names):
+            if name.endswith(_CODE_SUFFIXES):
+                path = Path(folder, name)
+                yield path.relative_to(root).as_posix()
+                yield _digest_of_file(path)
 
 
 def _digest_of_file(path: Path) -> str:

@@ -20,7 +20,6 @@ Without identities, frames are unrelated, and so far apart that nothing joins th
 
 from __future__ import annotations
 
-import io
 import re
 import zipfile
 from collections.abc import Mapping
@@ -47,6 +46,7 @@ from coopsim.data.recordings.recorded_folder import (
 from coopsim.errors import RecordingError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
+from coopsim.support.plain_arrays import read_npy, read_npz
 from coopsim.types import Ints, Sweep, seconds_to_ns
 
 HEIGHT_M = {"cav": 1.8}
@@ -57,6 +57,9 @@ POINTS, LABELS = "points", "labels"
 
 _CLOUDS = (".npy", ".bin")
 _BROKEN = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
+MOST_BYTES = 2**28
+"""Most bytes of a file, and of its arrays: eight million points of four doubles."""
+
 _NO_BOXES = np.zeros((0, 7)), np.zeros(0, np.str_)
 _LABELS = ("boxes", "names")
 _OPTIONAL = ("ids", "fov_deg", "pose", "time_s", "doubtful")
@@ -146,8 +149,7 @@ def _sequence_of(path: Path) -> tuple[str, int]:
 def _read_arrays(path: Path, needed: tuple[str, ...]) -> Fields:
     """Return arrays of a file and those that are optional; `Fields` checks them."""
     try:
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as arrays:
-            return Fields({name: arrays[name] for name in (*needed, *_OPTIONAL) if name in arrays}, path)
+        return Fields(read_npz(path, MOST_BYTES, (*needed, *_OPTIONAL)), path)
     except _BROKEN as error:
         raise RecordingError(f"{path} is no file of plain arrays: {' '.join(str(error).split())}") from error
 
@@ -191,7 +193,7 @@ def _read_cloud(path: Path, base_SE3_lidar: SE3) -> Sweep:
     if path.suffix == ".bin":
         return _sweep(read_float_points(path, 4), base_SE3_lidar)
     try:
-        points = np.load(io.BytesIO(path.read_bytes()), allow_pickle=False)
+        points = read_npy(path, MOST_BYTES)
     except _BROKEN as error:
         raise RecordingError(f"{path} is no file of a plain array: {' '.join(str(error).split())}") from error
     return _sweep(_checked(points, path), base_SE3_lidar)

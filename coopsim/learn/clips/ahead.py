@@ -20,11 +20,14 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, BinaryIO, Protocol, Self
 
+import cloudpickle
+
 from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.learn.clips.clip import Clip, ClipSource
 from coopsim.learn.clips.pipe import receive, send, widen
 from coopsim.support.checks import require_count
 from coopsim.support.processes import cause_of_end, start_python
+from coopsim.support.registrations import pack_registrations, register_packed
 from coopsim.support.threads import limit_threads
 
 _PATIENCE_S = 0.2
@@ -34,7 +37,7 @@ _PROGRAM = "from coopsim.learn.clips.ahead import serve; serve()"
 
 
 class Maker(Protocol):
-    """Source of what workers make: a picklable object, whose class can be imported."""
+    """Source of what workers make: a picklable object, whose class may be of the caller's script."""
 
     def make(self, first: int, stride: int) -> Iterator[Any]:
         """Yield without end what has the numbers first, first + stride, and so on."""
@@ -119,7 +122,7 @@ class ClipsAhead:
     """Clips of a source, made ahead by worker processes for sequential access; close it as `Workers`.
 
     Args:
-        source: picklable source, whose class can be imported.
+        source: picklable source, whose class may be of the caller's script.
         workers: number of processes.
         ahead: finished clips that each worker keeps ready, besides the one that it is making.
     """
@@ -162,7 +165,7 @@ class _Worker:
 
     def __init__(self, maker: Maker, first: int, stride: int, ahead: int, ends: Callable[[Any], bool]) -> None:
         try:
-            order = pickle.dumps((maker, first, stride))
+            order = pickle.dumps(pack_registrations()) + cloudpickle.dumps((maker, first, stride))
         except Exception as error:
             raise InvalidValueError(f"source must be picklable to be given to workers: {error}") from error
         self._owner = os.getpid()
@@ -229,6 +232,7 @@ def serve() -> None:
 def _made(inlet: BinaryIO) -> Iterator[Any]:
     """Yield what is made without an end, or an error last."""
     try:
+        register_packed(pickle.load(inlet))
         maker, first, stride = pickle.load(inlet)
     except EOFError:
         raise

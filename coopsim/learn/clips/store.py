@@ -12,10 +12,11 @@ from pathlib import Path
 from numpy.lib import format as npy
 
 from coopsim.errors import InvalidValueError, RecordingError
-from coopsim.learn.clips.arrays import Arrays, arrays_of, clip_of
+from coopsim.learn.clips.arrays import arrays_of, clip_of
 from coopsim.learn.clips.clip import Clip, ClipSource
 from coopsim.support.checks import require_count
 from coopsim.support.files import make_folder, write_durably, write_whole
+from coopsim.support.plain_arrays import read_npz
 
 _SUFFIX = ".npz"
 _SOURCE = "source.txt"
@@ -45,7 +46,7 @@ def load_clip(path: Path) -> Clip:
         RecordingError: the file is missing or broken; names it.
     """
     try:
-        return clip_of(_read(path))
+        return clip_of(read_npz(path, _LARGEST_BYTES))
     except _BROKEN as error:
         why = error.strerror if isinstance(error, OSError) and error.strerror else error
         why = f"it has no array {error}" if isinstance(error, KeyError) else why
@@ -62,14 +63,6 @@ def clip_bytes(clip: Clip) -> bytes:
             entry = zipfile.ZipInfo(f"{name}.npy", _DAY)
             archive.writestr(entry, member.getvalue(), zipfile.ZIP_DEFLATED, _LEVEL)
     return packed.getvalue()
-
-
-def _read(path: Path) -> Arrays:
-    with zipfile.ZipFile(path) as archive:
-        if sum(entry.file_size for entry in archive.infolist()) > _LARGEST_BYTES:
-            raise ValueError("its arrays are too large")
-        parts = {name.removesuffix(".npy"): io.BytesIO(archive.read(name)) for name in archive.namelist()}
-    return {name: npy.read_array(part, allow_pickle=False) for name, part in parts.items()}
 
 
 @dataclass(frozen=True, slots=True)

@@ -98,7 +98,12 @@ def _require_same(folder: Path, found: Mapping[str, Any], run: Mapping[str, Any]
     other = sorted(key for key in flat_found.keys() | flat_run.keys() if flat_found.get(key) != flat_run.get(key))
     if other:
         changes = ", ".join(f"{key}: {flat_found.get(key)!r} there, {flat_run.get(key)!r} here" for key in other[:3])
-        raise InvalidValueError(f"{folder} holds another training ({changes}): go on with that, or take another folder")
+        longer = ""
+        if "recipe.steps" in other:
+            longer = ". To train longer, begin with its weights in another folder: --start PATH.safetensors"
+        raise InvalidValueError(
+            f"{folder} holds another training ({changes}): go on with that, or take another folder{longer}"
+        )
 
 
 def _flat(data: Mapping[str, Any], above: str = "") -> dict[str, Any]:

@@ -43,6 +43,7 @@ from coopsim.learn.weights import encoder_digest, load_cooperative, load_detecto
 from coopsim.nn.cooperative.cooperative_net import CooperativeNet
 from coopsim.nn.detector.decode import decode
 from coopsim.nn.detector.detector_net import DetectorNet
+from coopsim.support.user_code import names_code
 
 
 class CooperativeTask(TrainingTask):
@@ -56,7 +57,9 @@ class CooperativeTask(TrainingTask):
         super().__init__()
         self._settings = load(SampleSettings, recipe.samples, "samples")
         detector = load_detector(recipe.detector)
-        start = None if recipe.start is None else load_cooperative(recipe.start, detector)
+        named = str(recipe.network.get("fusion", ""))
+        fusion = named if names_code(named) else None
+        start = None if recipe.start is None else load_cooperative(recipe.start, detector, fusion)
         head = (start or detector).config.head
         self.net = make_network(
             "cooperative", {"features": detector.config.features, "head": head, **recipe.network}, seed

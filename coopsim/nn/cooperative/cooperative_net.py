@@ -17,8 +17,8 @@ from torch.nn import functional
 from coopsim.errors import InvalidValueError
 from coopsim.nn.detector.detector_net import RARE, make_head
 from coopsim.nn.detector.encoder import HEADS, MOST_CHANNELS
-from coopsim.nn.fusion import FUSIONS, FeatureFusion, Foreground, FusionContext, as_batch
-from coopsim.nn.fusion.feature_fusion import start_as_zeros
+from coopsim.nn.fusion import FeatureFusion, Foreground, FusionContext, as_batch
+from coopsim.nn.fusion.feature_fusion import find_fusion, start_as_zeros
 from coopsim.support.checks import require_between, require_choice, require_count, require_flag
 from coopsim.types.taxonomy import CLASS_NAMES
 
@@ -28,7 +28,7 @@ class CooperativeConfig:
     """Sizes of the network.
 
     Attributes:
-        fusion: name in `FUSIONS`.
+        fusion: name in `FUSIONS`, or place of a class, see `find_fusion`.
         parameters: parameters of the fusion, by name.
         message_channels: numbers a cell in a message.
         features: numbers a cell in the encoder's maps.
@@ -104,8 +104,9 @@ class CooperativeNet(nn.Module):
 
         Raises:
             UnknownNameError: no fusion has this name.
+            InvalidValueError: the place of the fusion has no class of fusions.
         """
-        fusion = FUSIONS.get(config.fusion)(config.features, **config.parameters)
+        fusion = find_fusion(config.fusion)(config.features, **config.parameters)
         if config.surest:
             fusion.choose_surest(config.surest)
         net = cls(fusion, config.message_channels, config.features, config.flow, config.told_errors, config.head)

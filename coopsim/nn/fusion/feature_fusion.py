@@ -19,7 +19,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from coopsim.errors import UnknownNameError
 from coopsim.support.registry import Registry
+from coopsim.support.user_code import class_at
 
 L = TypeVar("L", bound=nn.Module)
 
@@ -179,6 +181,21 @@ def start_as_zeros(layer: L) -> L:
 FUSIONS: Registry[Callable[..., FeatureFusion]] = Registry("fusion", home="coopsim.nn.fusion", group="coopsim.fusions")
 """Classes of fusions by name, called with the number of channels and the fusion's own parameters; packages add theirs
 through the entry-point group `coopsim.fusions`."""
+
+
+def find_fusion(fusion: str) -> Callable[..., FeatureFusion]:
+    """Return the class of a fusion by its registered name, or by its place, `module:Class` or `file.py:Class`.
+
+    Raises:
+        UnknownNameError: there is no such fusion.
+        InvalidValueError: the place has no class of fusions.
+    """
+    if isinstance(fusion, str) and ":" in fusion:
+        return class_at("fusion", fusion, FeatureFusion)  # type: ignore[type-abstract]
+    if fusion not in FUSIONS:
+        others = "(or file.py:Class, module:Class, or a name that a package adds by the entry points coopsim.fusions)"
+        raise UnknownNameError("fusion", fusion, FUSIONS.names(), others)
+    return FUSIONS.get(fusion)
 
 
 class Patches(nn.Module):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -107,7 +108,8 @@ def read_roads(nodes: Entry, roads: Entry) -> Roads:
     found.movements = conflicting_roads(found.network)
     for road, pieces in found.pieces.items():
         if first & set(pieces) and not set(pieces) & set(found.movements):
-            raise found.entry[road].error("priority is of no use: no other road crosses or joins this one")
+            useless = found.entry[road].error("priority is of no use: no other road crosses or joins this one")
+            warnings.warn(str(useless), stacklevel=2)
     found.priority = tuple(piece for piece in found.movements if piece in first)
     return found
 

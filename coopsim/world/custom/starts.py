@@ -18,6 +18,15 @@ from coopsim.world.places.layout import Bay, StartSlot
 from coopsim.world.places.road_network import CircularLane, Road
 from coopsim.world.places.streets import spaced_slots
 
+START_KEYS: tuple[tuple[str, ...], tuple[str, ...]] = (("road", "at_m"), ("route", "connected"))
+"""Keys that a start needs, and further ones."""
+
+BAY_KEYS: tuple[tuple[str, ...], tuple[str, ...]] = (("at", "heading_deg"), ("label",))
+"""Keys that a bay needs, and further ones."""
+
+UNIT_KEYS: tuple[tuple[str, ...], tuple[str, ...]] = (("at", "look_at"), ())
+"""Keys that a roadside unit needs, and further ones."""
+
 _STOPPING_M = 14.0  # no starts this close before a stop line: the vehicle could not stop
 _APART_M = 14.0  # between two starts in one lane: the longest bus, and the variation of its start
 _BESIDE_M = 3.0  # between the middles of two lanes
@@ -49,7 +58,7 @@ def _start_length_m(roads: Roads, piece: Road) -> float:
 
 
 def _start(roads: Roads, entry: Entry) -> tuple[StartSlot, float]:
-    fields = entry.fields(("road", "at_m"), ("route", "connected"))
+    fields = entry.fields(*START_KEYS)
     road = roads.find(fields["road"])
     along_m = float(fields["at_m"].checked(require_between, 0, round(roads.length_m(road), 3)))
     piece, at_m = roads.piece_at(road, along_m)
@@ -98,7 +107,7 @@ def read_speeds(roads: Roads, fields: Mapping[str, Entry]) -> tuple[float, ...]:
 
 def read_bay(entry: Entry, middles: MiddleLines) -> Bay:
     """Return a bay beside the roads."""
-    fields = entry.fields(("at", "heading_deg"), ("label",))
+    fields = entry.fields(*BAY_KEYS)
     at = fields["at"].point()
     middles.require_off_roads(at[None], fields["at"], "at", _PARKED_M)
     heading_deg = float(fields["heading_deg"].checked(require_finite_number))
@@ -108,7 +117,7 @@ def read_bay(entry: Entry, middles: MiddleLines) -> Bay:
 
 def read_unit(entry: Entry, middles: MiddleLines) -> SE3:
     """Return `world_SE3_base` of a roadside unit beside the roads."""
-    fields = entry.fields(("at", "look_at"))
+    fields = entry.fields(*UNIT_KEYS)
     at, ahead = fields["at"].point(), fields["look_at"].point() - fields["at"].point()
     middles.require_off_roads(at[None], fields["at"], "at")
     if not ahead.any():

@@ -19,6 +19,9 @@ from coopsim.world.places.layout import Footways
 from coopsim.world.places.road_network import RoadNetwork
 from coopsim.world.traffic.lanes import NumberedNetwork, distance_to_box, local_coordinates
 
+WAYS_KEYS: tuple[tuple[str, ...], tuple[str, ...]] = (("nodes", "ways"), ("crosswalks",))
+"""Keys that `walks` and `rides` need, and further ones."""
+
 _PAVEMENT_M = 3.0
 _CROSSWALK_HALF_M = 1.5
 _STRIPE_M, _GAP_M = 0.5, 0.5
@@ -52,7 +55,7 @@ def read_ways(entry: Entry, network: RoadNetwork, *, one_way: bool = False) -> W
 
     Stripes are painted where a crosswalk is on a road. With `one_way` people go along each way in one direction only.
     """
-    fields = entry.fields(("nodes", "ways"), ("crosswalks",))
+    fields = entry.fields(*WAYS_KEYS)
     named = fields["nodes"].named()
     nodes = {name: place.point() for name, place in named.items()}
     plain = _links(fields["ways"], nodes)

@@ -117,6 +117,19 @@ class EpisodeFrame:
     agents: Mapping[str, AgentBody]
 
 
+SUFFIXES = (".coopsim", ".rec", "")
+"""Ends of the names of recordings that are written; any name is read."""
+
+
+def require_recording(path: Path) -> None:
+    """Raise `InvalidValueError` unless a recording can be written to a path, whose suffix is no other format's."""
+    if path.suffix.lower() not in SUFFIXES:
+        raise InvalidValueError(
+            f"a recording is coopsim's own binary format: its name must end in .coopsim, .rec or nothing, got {path}"
+        )
+    require_writable(path)
+
+
 class EpisodeWriter:
     """Writes an episode: begins a file, replacing an older one, and appends frames.
 
@@ -130,7 +143,7 @@ class EpisodeWriter:
         if not isinstance(path, (str, Path)):
             raise InvalidValueError(f"path must be that of a file to write, got {path!r}")
         self.path = Path(path)
-        require_writable(self.path)
+        require_recording(self.path)
         self._coder, self._frames = _Predictor(), 0
         self._write("wb", MAGIC + _header_bytes(header))
 

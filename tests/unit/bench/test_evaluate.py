@@ -198,6 +198,13 @@ class Sweeping(Echo):
     needs = coopsim.Needs(uplink="none", lidar=True)
 
 
+@pytest.mark.parametrize("defense", ["cad", "mate"])
+def test_a_defence_that_needs_a_lidar_is_named(defense: str) -> None:
+    who = f"the defense {defense!r} of LateFusion needs a LiDAR, but cav_0 has none"
+    with pytest.raises(PolicyMismatchError, match=who):
+        coopsim.evaluate(f"late_fusion(defense={defense})", "crossing", lidar=None, max_cycles=2)
+
+
 @pytest.mark.parametrize("lidar", [None, "VLP-16"])
 def test_a_policy_that_needs_a_lidar_is_given_one_or_refused_at_once(lidar: str | None) -> None:
     options = SHORT | {"lidar": lidar}

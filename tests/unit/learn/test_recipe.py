@@ -44,6 +44,17 @@ def test_own_files_and_their_mistakes(tmp_path: Path) -> None:
         find_recipe("piller")
 
 
+def test_a_file_names_code_only_if_trusted_and_finds_it_beside_itself(tmp_path: Path) -> None:
+    path, fusion = tmp_path / "mine.yaml", tmp_path / "own_fusion.py"
+    path.write_text("kind: cooperative\nnetwork: {fusion: 'own_fusion.py:Own'}\n")
+    with pytest.raises(InvalidValueError, match=r"mine.yaml:2: a recipe's file names code to run, 'own_.*--trust"):
+        find_recipe(path)
+    assert find_recipe(path, trust=True).network == {"fusion": "own_fusion.py:Own"}
+    fusion.touch()
+    assert find_recipe(path, trust=True).network == {"fusion": f"{fusion}:Own"}
+    assert find_recipe("attfuse").changed(**{"network.fusion": "x.py:Own"}).network["fusion"] == "x.py:Own"
+
+
 def test_options_replace_values_and_parts_of_mappings() -> None:
     recipe = TrainingRecipe("x", world={"a": 1, "b": 2}).changed(**{"lr": 0.5, "world.b": 3, "world.c": 4})
     assert (recipe.lr, recipe.world) == (0.5, {"a": 1, "b": 3, "c": 4})

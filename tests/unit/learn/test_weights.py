@@ -74,6 +74,43 @@ def test_a_fusion_is_loaded_for_its_encoder_alone(detector: Path, tmp_path: Path
         load_detector(path)
 
 
+MINE = """
+from coopsim.nn.fusion import FeatureFusion
+from pathlib import Path
+Path(__file__).with_suffix(".ran").touch()
+
+class Own(FeatureFusion):
+    def __init__(self, features=64):
+        super().__init__()
+
+    def fuse(self, own, own_mask, others, mask, context):
+        return own + (others * mask[:, None]).sum(0)
+"""
+
+
+def test_weights_run_code_of_a_fusion_only_if_the_user_names_it(tmp_path: Path) -> None:
+    file, path = tmp_path / "own_fusion.py", tmp_path / "own.safetensors"
+    file.write_text(MINE)
+    net = make_network("cooperative", {**FUSION, "fusion": f"{file}:Own"})
+    save_weights(path, net, {"kind": "cooperative", "config": asdict(net.config)})
+    file.write_text(f"{MINE}# another text, which is run once more\n")
+    file.with_suffix(".ran").unlink()
+    with pytest.raises(InvalidValueError, match=r"its fusion is code, '.*own_fusion.py:Own', which runs only if you"):
+        load_cooperative(path)
+    with pytest.raises(InvalidValueError, match=r"fusion must be that of the training, '.*:Own', got 'else.py:Other'"):
+        load_cooperative(path, fusion="else.py:Other")
+    assert not file.with_suffix(".ran").exists()
+    assert type(load_cooperative(path, fusion=f"{file}:Own").fusion).__name__ == "Own"
+    assert file.with_suffix(".ran").exists()
+
+
+def test_an_unknown_fusion_is_told_with_the_ways_to_name_one() -> None:
+    with pytest.raises(UnknownNameError, match=r"unknown fusion 'atfuse' \(or file.py:Class, .* entry points"):
+        make_network("cooperative", {**FUSION, "fusion": "atfuse"})
+    with pytest.raises(InvalidValueError, match=r"must be a class derived from coopsim.nn.fusion.*FeatureFusion"):
+        make_network("cooperative", {**FUSION, "fusion": "pathlib:Path"})
+
+
 def test_first_weights_depend_on_the_seed_and_leave_the_global_generator(detector: Path) -> None:
     before = torch.random.get_rng_state()
     same, other = make_network("detector", TINY, seed=3), make_network("detector", TINY, seed=4)

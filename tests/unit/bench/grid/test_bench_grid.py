@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,11 @@ import coopsim
 from coopsim.agents.perceiving_policy import PerceivingPolicy
 from coopsim.bench.benchmark import check
 from coopsim.bench.grid.cell import Cell, Condition, environment_options
-from coopsim.bench.grid.grid import Grid
+from coopsim.bench.grid.grid import ATTRIBUTES, Grid
 from coopsim.bench.grid.grid_file import PRESETS, find_grid
 from coopsim.catalog import PolicySpec
+from coopsim.cli.arguments import Parser
+from coopsim.cli.bench_commands import BENCH
 from coopsim.comms.channel.channel_config import channel_config
 from coopsim.errors import CoopsimError, GridFileError, InvalidValueError, UnknownNameError, WeightsNotShippedError
 from coopsim.learn.clips.world_recipe import WorldRecipe
@@ -336,3 +339,17 @@ def test_every_receiver_gives_the_best_answer_it_has_to_delayed_messages(name: s
     for text in policies - {"no_fusion", "late_fusion(delayed=as_current)", "late_fusion(delayed=predict)"}:
         best = "predict" if text.startswith("track_to_track") else "replay"  # tracks have no measurements to replay
         assert PolicySpec.parse(text).parameters["delayed"] == best, text
+
+
+def test_the_page_of_situations_counts_the_cells_of_its_command() -> None:
+    page = (Path(__file__).parents[4] / "docs/reference/situations.md").read_text(encoding="utf-8")
+    command = next(
+        each for each in re.findall(r"```\n(coopsim bench .*?)```", page, re.DOTALL) if "calibration" in each
+    )
+    words = shlex.split(command.replace("\\\n", " "))
+    parser = Parser()
+    BENCH.add_arguments(parser)
+    options = parser.parse_args(words[2:])
+    given = {name: value for name in ATTRIBUTES if (value := getattr(options, name, None)) is not None}
+    cells, whole = len(list(find_grid("safety", **given).grid().cells())), len(list(find_grid("safety").grid().cells()))
+    assert f"These are {cells:,} cells" in page and f"The whole preset has {whole:,}." in page

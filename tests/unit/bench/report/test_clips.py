@@ -125,7 +125,7 @@ def test_what_cannot_be_filmed_is_told(run: list[CellResult]) -> None:
     lost = replace(moment, worst=replace(moment.worst, cell=replace(moment.worst.cell, policy="nobody:Nothing")))
     clips, (note,) = film([lost], make_rerun(OPTIONS))
     assert clips == () and note.startswith(
-        "nobody:Nothing, seed 3: it failed when it was run again: its policy names code"
+        "nobody:Nothing, seed 3: it failed when it was run again: it names code, 'nobody:Nothing'"
     )
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.script_parts import parts_of_a_script
 
 import coopsim
 from coopsim.bench.benchmark import benchmark
@@ -15,7 +16,7 @@ from coopsim.bench.engine.job import Job
 from coopsim.bench.grid.cell import Cell, Condition
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.store import fingerprint as fingerprints
-from coopsim.bench.store.fingerprint import fingerprint, plain_options
+from coopsim.bench.store.fingerprint import changed_parts, fingerprint, plain_options
 from coopsim.bench.store.store import Store
 from coopsim.catalog import PolicySpec
 from coopsim.errors import InvalidValueError
@@ -85,6 +86,28 @@ def test_a_policy_that_is_edited_between_two_calls_is_another(counting: Path, tm
     second = benchmark(Grid((name,), frames=2, seeds=(0, 1), options=OPTIONS), tmp_path / "out", engine=one)
     assert [each.counts["version"] for each in (*first, *second)] == [1, 2, 2]
     sys.modules.pop(counting.stem)
+
+
+def test_a_module_beside_the_file_of_a_policy_decides(tmp_path: Path) -> None:
+    (tmp_path / "beside_the_policy.py").write_text("from another_beside_it import MORE")
+    (tmp_path / "another_beside_it.py").write_text("MORE = 1")
+    (tmp_path / "not_imported.py").write_text("")
+    (tmp_path / "mine.py").write_text(
+        "from coopsim.agents.boxes import NoFusion\nimport beside_the_policy\nclass P(NoFusion): pass"
+    )
+    spec = PolicySpec.parse(f"{tmp_path}/mine.py:P")
+    before = fingerprint(CELL, OPTIONS, spec)
+    (tmp_path / "not_imported.py").write_text("MORE = 2")
+    assert fingerprint(CELL, OPTIONS, spec) == before
+    (tmp_path / "another_beside_it.py").write_text("MORE = 22")
+    assert changed_parts(before, fingerprint(CELL, OPTIONS, spec)) == "another_beside_it beside the policy"
+
+
+def test_what_a_script_registered_and_a_cell_names_decides() -> None:
+    with parts_of_a_script():
+        script = {**OPTIONS, "tracker": "late_fusion(defense=of_the_script)"}
+        assert "__main__" in decided(**script)["code"]
+        assert "__main__" not in decided(**OPTIONS)["code"]
 
 
 def test_a_cell_whose_sources_changed_meanwhile_is_lost_and_not_stored(counting: Path, tmp_path: Path) -> None:

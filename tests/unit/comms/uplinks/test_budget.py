@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,13 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import coopsim
+from coopsim.cli.entry import main
 from coopsim.comms.decode_once import DecodeOnce
 from coopsim.comms.envelope import decode_detections, encode_message
 from coopsim.comms.uplinks.budget import SELECTIONS, Selection, WithinBudget, make_selection
 from coopsim.comms.uplinks.share_detections import ShareDetections
 from coopsim.comms.uplinks.share_tracks import ShareTracks
 from coopsim.comms.uplinks.uplink import Silence
-from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.types import Detections, Message, Observation, Odometry, PoseEstimate
 
@@ -161,3 +163,25 @@ def test_in_an_episode_no_agent_sends_more_than_its_budget(selection: str) -> No
     )
     assert 0 < first["bytes_per_s"] <= 1500
     assert first.values == again.values
+
+
+@pytest.mark.parametrize(
+    ("selection", "match"),
+    [
+        ("learned(wights=x)", "unknown parameter 'wights' of selection 'learned'"),
+        ("learned(weights=/etc/passwd)", "unknown weights '/etc/passwd'"),
+        ("learned(weights={folder}/random.safetensors)", "random.safetensors"),
+        ("nobody", "unknown selection 'nobody'"),
+    ],
+)
+def test_a_wrong_selection_is_refused_before_the_first_episode(
+    selection: str, match: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("torch")
+    (tmp_path / "random.safetensors").write_bytes(bytes(range(256)))
+    selection = selection.format(folder=tmp_path)
+    with pytest.raises(CoopsimError, match=match):
+        coopsim.parallel_env("crossing", lidar=None, budget_bytes=200, selection=selection)
+    out, words = tmp_path / "out", ("--option", f"selection={selection}", "--option", "budget_bytes=200")
+    assert main(["bench", "--policies", "late_fusion", "--seeds", "0", "--frames", "2", "--out", str(out), *words]) == 2
+    assert capsys.readouterr().err.count("\n") == 1 and not out.exists()

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -180,6 +182,27 @@ KITTI: dict[str, tuple[Break, str]] = {
     ),
 }
 
+
+def huge_header() -> bytes:
+    """Return the beginning of a .npy file of points, which has none."""
+    content = io.BytesIO()
+    np.lib.format.write_array_header_1_0(content, {"descr": "<f4", "fortran_order": False, "shape": (10**11, 4)})
+    return content.getvalue()
+
+
+def in_archive(name: str, member: str, content: bytes) -> Break:
+    """Replace a member of a .npz file."""
+
+    def spoil(folder: Path) -> None:
+        with zipfile.ZipFile(folder / name) as old:
+            kept = {each: old.read(each) for each in old.namelist() if each != member}
+        with zipfile.ZipFile(folder / name, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as new:
+            for each, value in {**kept, member: content}.items():
+                new.writestr(each, value)
+
+    return spoil
+
+
 ARRAYS: dict[str, tuple[Break, str]] = {
     "a frame without labels": (in_array(boxes=None), r"queue_07\.npz: boxes is missing"),
     "no points": (in_array(points=None), r"queue_07\.npz: points is missing"),
@@ -194,6 +217,10 @@ ARRAYS: dict[str, tuple[Break, str]] = {
     "ids that repeat": (in_array(ids=np.array([1, 1, 2])), r"queue_07\.npz: ids must be 3 different integers"),
     "pickles": (in_array(names=np.array(["car", None, "car"], object)), r"queue_07\.npz is no file of plain arrays"),
     "a cut file": (cut("queue_08.npz"), r"queue_08\.npz is no file of plain arrays"),
+    "a header of too many points": (
+        in_archive("queue_07.npz", "points.npy", huge_header()),
+        r"queue_07\.npz is no file of plain arrays: an array announces 1600000000000 bytes of the shape .* and has 0",
+    ),
 }
 
 OTHERS_ARRAYS: dict[str, tuple[Break, str]] = {
@@ -203,6 +230,10 @@ OTHERS_ARRAYS: dict[str, tuple[Break, str]] = {
         r"labels/000001\.txt, line 2: x y z length width height heading type are needed",
     ),
     "a cut cloud": (cut("points/000001.npy"), r"points/000001\.npy is no file of a plain array"),
+    "a header of too many points": (
+        lambda folder: (folder / "points/000001.npy").write_bytes(huge_header()),
+        r"points/000001\.npy is no file of a plain array: an array announces 1600000000000 bytes",
+    ),
 }
 
 ALL = {

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from itertools import islice
 from pathlib import Path
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 from helpers.clip_sources import NumberedClips
 from helpers.clips import SMALL, require_same
+from helpers.script_parts import parts_of_a_script
 
 from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.learn.clips.ahead import ClipMaker, ClipsAhead, Failure, until_failure
@@ -60,9 +62,14 @@ def test_errors_of_sources_are_results() -> None:
 
 def test_a_source_that_cannot_be_pickled_is_refused() -> None:
     source = NumberedClips()
-    source.why = lambda: None  # type: ignore[assignment]
+    source.why = threading.Lock()  # type: ignore[assignment]
     with pytest.raises(InvalidValueError, match="picklable"):
         ClipsAhead(source, workers=2).clip(0)
+
+
+def test_a_worker_knows_the_classes_of_the_script_and_what_it_registered() -> None:
+    with parts_of_a_script() as script, ClipsAhead(script["Source"]()) as ahead:
+        assert ahead.clip(0).key == "clip 25"
 
 
 def test_workers_are_not_far_ahead_and_end_with_the_stream(tmp_path: Path) -> None:

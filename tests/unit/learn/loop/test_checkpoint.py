@@ -51,6 +51,8 @@ def test_another_training_and_broken_files_are_refused(tmp_path: Path) -> None:
     save_checkpoint(tmp_path, Checkpoint(3, Position(), RUN), *make(1))
     with pytest.raises(InvalidValueError, match=r"another training \(seed: 1 there, 2 here\)"):
         load_checkpoint(tmp_path, {**RUN, "seed": 2}, *make(0))
+    with pytest.raises(InvalidValueError, match=r"another folder\. To train longer, begin with its weights .*--start"):
+        load_checkpoint(tmp_path, {**RUN, "recipe": {"steps": 10**6}}, *make(0))
     write_tensors(tmp_path / CHECKPOINT, {}, {"training": "{}"})
     with pytest.raises(InvalidValueError, match="is no checkpoint"):
         load_checkpoint(tmp_path, RUN, *make(0))

@@ -16,6 +16,8 @@ from coopsim.errors import RecordingError, ScenarioFileError
 from coopsim.sensors.scene import is_closed
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.custom.roads import conflicting_roads
+from coopsim.world.custom.starts import BAY_KEYS, START_KEYS, UNIT_KEYS
+from coopsim.world.custom.ways import WAYS_KEYS
 from coopsim.world.places.layout import Layout
 from coopsim.world.scenario import SCENARIOS, Place, make_scenario
 from coopsim.world.traffic.fleet import PARKED
@@ -184,7 +186,6 @@ def test_little_is_needed(tmp_path: Path) -> None:
         ),
         (("{from: a, to: b}", "{from: a, to: b, via: [[58, -2]]}"), r"own.yaml:8: every piece must be at least 5 m"),
         (("{from: a, to: b}", "{from: a, to: b, via: [[30, 20]]}"), r"own.yaml:8: the way turns at once by 73 degrees"),
-        (("{from: a, to: b}", "{from: a, to: b, priority: true}"), r"own.yaml:8: priority is of no use"),
         (("{from: a, to: b}", "{from: a, to: b, priority: 1}"), r"own.yaml:8: priority must be True or False, got 1"),
         (("    - {from: d, to: a, turn: around}\n", ""), r"own.yaml:10: no road leads on from 'd'"),
         (("c: [60, 2]", "c: [60, 40]"), r"own.yaml:9: a loop must lead from one lane to the next"),
@@ -199,6 +200,15 @@ def test_what_is_wrong_with_roads_is_said_with_the_line(tmp_path: Path, change: 
     path.write_text(text)
     with pytest.raises(ScenarioFileError, match=message):
         load_scenario_file(path)
+
+
+def test_a_priority_over_nobody_is_told_and_changes_nothing(tmp_path: Path) -> None:
+    path, plain = tmp_path / "own.yaml", tmp_path / "plain.yaml"
+    path.write_text(ROADS.replace("{from: a, to: b}", "{from: a, to: b, priority: true}", 1))
+    plain.write_text(ROADS)
+    with pytest.warns(UserWarning, match=r"own.yaml:8: priority is of no use: no other road crosses or joins"):
+        layout = place_of_file(path).make_layout()
+    assert layout.priority == place_of_file(plain).make_layout().priority
 
 
 @pytest.mark.parametrize(
@@ -298,3 +308,13 @@ def test_a_parked_bus_may_stand_in_a_bay(tmp_path: Path) -> None:
     rows = World(scenario, 0)._traffic.fleet.rows
     assert (rows["heading"][-1], rows["x"][-1]) == (pytest.approx(np.pi / 2), pytest.approx(20, abs=0.2))
     assert scenario.layout.bays[0].label == ObjectClass.BUS
+
+
+def test_the_page_has_the_keys_of_starts_bays_units_and_ways() -> None:
+    page = (Path(__file__).parents[4] / "docs/reference/scenarios.md").read_text(encoding="utf-8")
+    rows = page[page.index("| key | of each item |\n|---|---|\n| `starts`") :]
+    for name, keys in (("starts", START_KEYS), ("parked", BAY_KEYS), ("rsus", UNIT_KEYS)):
+        row = rows[rows.index(f"| `{name}` |") :].split("\n| `")[0].split("\n\n")[0]
+        assert set(re.findall(r"`(\w+)`", row)) - {name, "truck"} == {*keys[0], *keys[1]}, name
+    ways = rows[rows.index("| key of `walks` and `rides` | value |") :].split("\n\n")[0]
+    assert tuple(re.findall(r"\n\| `(\w+)` \|", ways)) == (*WAYS_KEYS[0], *WAYS_KEYS[1])

@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+import coopsim
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
@@ -213,3 +214,12 @@ def test_a_header_of_other_types_is_refused(tmp_path: Path, field: str, value: o
 def test_only_a_path_is_written_to(path: Any) -> None:
     with pytest.raises(InvalidValueError, match="path must be that of a file to write, got"):
         EpisodeWriter(path, HEADER)
+
+
+@pytest.mark.parametrize("name", ["run.csv", "run.mp4", "run.JSON"])
+def test_a_name_of_another_format_is_refused(name: str, tmp_path: Path) -> None:
+    with pytest.raises(InvalidValueError, match=r"its name must end in \.coopsim, \.rec or nothing, got .*run\."):
+        EpisodeWriter(tmp_path / name, HEADER)
+    with pytest.raises(InvalidValueError, match=r"its name must end in"):
+        coopsim.parallel_env("crossing", lidar=None, record=tmp_path / name)
+    assert not (tmp_path / name).exists() and EpisodeWriter(tmp_path / "run.REC", HEADER)
