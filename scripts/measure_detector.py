@@ -6,10 +6,10 @@ r"""Measure detectors of any weights in held-out towns, in the same towns mirror
 
 Prints a table in Markdown: AP of vehicles (BEV IoU 0.5) and people (0.3), the share of sure vehicles that face
 backwards, and the median error of the velocities of what moves, as a share of its speed, where two sweeps were seen.
-Towns are those of validation, 1000 to 1099, with `--option` as `WorldRecipe` has them; traffic of mirrored ones keeps to
-the left. In them, objects are those that the agent's own LiDAR hits, and all counts within 50 m. `--environments` are
-measured as `coopsim detect` does, and of them `own hits` alone counts what the agent hits. Differences from the first
-weights are means over clips, with Student's 95 % interval.
+Towns are those of validation, 1000 to 1099, with `--option` as `WorldRecipe` has them; traffic of mirrored ones keeps
+to the left. In them, objects are those that the agent's own LiDAR hits, and all counts within 50 m. `--environments`
+are measured as `coopsim detect` does, and of them `own hits` alone counts what the agent hits. Differences from the
+first weights are means over clips, with Student's 95 % interval.
 """
 
 from __future__ import annotations
@@ -120,8 +120,8 @@ def velocity_errors(
     sure = among(there.found_label, VEHICLES) & (there.found_score > SURE)
     object_of = overlaps.matched_by_score(sure, moving, "BEV", 0.5, listed=False)
     hit = object_of >= 0
-    error = np.linalg.norm(np.concatenate([np.zeros((0, 2)), *stated])[hit] - true[object_of[hit]], axis=1)
-    error = error / speed[object_of[hit]]
+    away = np.concatenate([np.zeros((0, 2)), *stated])[hit] - true[object_of[hit]]
+    error: Floats = np.linalg.norm(away, axis=1) / speed[object_of[hit]]
     return error[~np.isnan(error)]
 
 

@@ -33,7 +33,9 @@ def local_ground(points: NDArray[np.float32]) -> NDArray[np.float32]:
     The agent is at the origin, and the ground under it at z = 0. Beyond 107 m the ground stays as high as at the rim.
     """
     lowest = _lowest(np.ascontiguousarray(points[:: max(1, len(points) // _ENOUGH)]))
-    return _between(points, _smoothed(*_grown(lowest, _outwards(), *_first_slope(lowest))))
+    heights = _smoothed(*_grown(lowest, _outwards(), *_first_slope(lowest)))
+    under: NDArray[np.float32] = _between(points, heights)
+    return under
 
 
 @cache

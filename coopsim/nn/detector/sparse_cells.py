@@ -190,7 +190,8 @@ def _folded_product(x: Tensor, weight: Tensor, table: Tensor, bias: Tensor) -> T
         return torch.addmm(bias, gathered(x, table), weight)
     padded, made = torch.cat([x, x.new_zeros(1, x.shape[1])]), x.new_empty(len(table), weight.shape[1])
     bias = bias.to(x.dtype)
-    for rows, out in zip(table.split(_AT_ONCE), made.split(_AT_ONCE), strict=True):
+    for start in range(0, len(table), _AT_ONCE):
+        rows, out = table[start : start + _AT_ONCE], made[start : start + _AT_ONCE]
         torch.addmm(bias, padded.index_select(0, rows.reshape(-1)).view(len(rows), -1), weight, out=out)
     return made
 
