@@ -16,6 +16,7 @@ import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -98,11 +99,10 @@ def real_frames(folder: Path, sensor: Sensor) -> Iterator[Frame]:
             yield Frame(points, np.array(sensor.at_m), vehicles, people, sensor.columns)
 
 
-def simulated_frames(sensor: Sensor, clips: int, share: float) -> Iterator[Frame]:
-    """Yield frames of cars in drawn towns, of which none is for validation or tests."""
-    recipe = WorldRecipe(
-        frames=1, lidars={sensor.pattern: 1.0}, realistic_share=share, rain_share=0.0, fog_share=0.0, masts=(0, 0)
-    )
+def simulated_frames(sensor: Sensor, clips: int, share: float, **more: Any) -> Iterator[Frame]:
+    """Yield frames of cars in drawn towns, of which none is for validation or tests; `more` options of the recipe."""
+    dry: dict[str, Any] = {"rain_share": 0.0, "fog_share": 0.0, "masts": (0, 0)}
+    recipe = WorldRecipe(frames=1, lidars={sensor.pattern: 1.0}, realistic_share=share, **dry, **more)
     for index in range(clips):
         lidar = draw_world(recipe, 0, index).lidar
         (scene,) = SimulatedClips(recipe).clip(index).scenes
