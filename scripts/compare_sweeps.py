@@ -16,6 +16,7 @@ import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -101,17 +102,10 @@ def real_frames(folder: Path, sensor: Sensor) -> Iterator[Frame]:
             yield Frame(points, np.array(sensor.at_m), vehicles, people, sensor.columns)
 
 
-def simulated_frames(sensor: Sensor, clips: int, share: float, ranges: SensorRanges | None = None) -> Iterator[Frame]:
-    """Yield frames of cars in drawn towns, of which none is for validation or tests."""
-    recipe = WorldRecipe(
-        frames=1,
-        lidars={sensor.pattern: 1.0},
-        realistic_share=share,
-        rain_share=0.0,
-        fog_share=0.0,
-        masts=(0, 0),
-        sensors=ranges,
-    )
+def simulated_frames(sensor: Sensor, clips: int, share: float, **more: Any) -> Iterator[Frame]:
+    """Yield frames of cars in drawn towns, of which none is for validation or tests; `more` options of the recipe."""
+    dry: dict[str, Any] = {"rain_share": 0.0, "fog_share": 0.0, "masts": (0, 0)}
+    recipe = WorldRecipe(frames=1, lidars={sensor.pattern: 1.0}, realistic_share=share, **dry, **more)
     for index in range(clips):
         drawn = draw_world(recipe, 0, index)
         (scene,) = SimulatedClips(recipe).clip(index).scenes
@@ -293,7 +287,7 @@ def sources_of(
     folder: Path, sensor: Sensor, clips: int, ranges: SensorRanges | None = None
 ) -> dict[str, Iterator[Frame]]:
     """Return the frames of a real sensor, and of simulated ones, by the name of their column."""
-    by_recipe = {} if ranges is None else {"by recipe": simulated_frames(sensor, clips, 1.0, ranges)}
+    by_recipe = {} if ranges is None else {"by recipe": simulated_frames(sensor, clips, 1.0, sensors=ranges)}
     return {
         sensor.name: real_frames(folder, sensor),
         "ideal": simulated_frames(sensor, clips, 0.0),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import Field, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -183,8 +183,11 @@ class WorldRecipe:
 
     def __repr__(self) -> str:
         """Return the fields, without those of `_LATER` that are unused: names of older recipes' clips stay the same."""
-        shown = [each.name for each in fields(self) if each.name not in _LATER or getattr(self, each.name) != each.default]
+        shown = [each.name for each in fields(self) if each.name not in _LATER or self._has(each)]
         return f"WorldRecipe({', '.join(f'{name}={getattr(self, name)!r}' for name in shown)})"
+
+    def _has(self, field: Field[Any]) -> bool:
+        return getattr(self, field.name) != field.default
 
     @classmethod
     def for_validation(cls, **changed: Any) -> WorldRecipe:

@@ -80,7 +80,7 @@ class Situation(EpisodeScenarios):
             drawn one for each seed; or a custom place.
         penetration: share of the other moving cars that are connected, in [0, 1]; halves are rounded up.
         rsus: number of roadside units, 0 or 1. Each seed draws it from the three nearest masts.
-        detail: "plain" or "full"; None: the usual one of the place. Bystanders of "street" could stand in a script's way.
+        detail: "plain" or "full"; None: the usual one of the place. In a "street", people could be in a script's way.
         place_seed: seeds of drawn towns, see `coopsim.world.towns.options.PlaceSeeds`; a town without a site is passed
             over for the next.
         over_s: time at which the situation is over.

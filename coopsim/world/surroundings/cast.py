@@ -52,15 +52,12 @@ def make_cast() -> Cast:
     people = [model for model in make_models(at_rest=True) if model.name in STANDING | SITTING]
     parked = [model for model in make_models(varied=True) if model.size_m[0] <= _LONGEST_PARKED_M]
     cars, vans = ([m for m in parked if m.label == label] for label in (ObjectClass.CAR, ObjectClass.VAN))
-    cycles = [m for m in parked if m.name in ("bicycle_parked", "kick_scooter_parked")]
+    bicycles, scooters = ([m for m in parked if m.name == name] for name in ("bicycle_parked", "kick_scooter_parked"))
     return Cast(
         _role([model for model in people if model.name in STANDING]),
         _role([model for model in people if model.name in SITTING]),
         _joined(_role(cars), _role(vans), _VAN_SHARE),
-        _joined(
-            *(_role([m for m in cycles if m.label == k]) for k in (ObjectClass.BICYCLE, ObjectClass.SCOOTER)),
-            _SCOOTER_SHARE,
-        ),
+        _joined(_role(bicycles), _role(scooters), _SCOOTER_SHARE),
     )
 
 

@@ -110,13 +110,13 @@ def stop(draft: Draft) -> None:
 def parked_by_hedge(draft: Draft) -> None:
     """Park a car on private ground, in or out, between hedges and under a tree, with somebody beside it."""
     draft.vehicle(0.0, 3.0, _in_or_out(draft))
-    for x in (-2.4, 2.4):
+    for x in (-1.8, 1.8):
         if draft.rng.random() < 0.6:
             kind, low_m, high_m = _LINES[int(draft.rng.integers(len(_LINES)))]
             draft.line(kind, x, 3.0, 4.0, OUT, height_m=round(10 * draft.rng.uniform(low_m, high_m)) / 10)
     if draft.rng.random() < 0.6:
-        draft.tree(draft.rng.choice((-1.6, 1.6)), draft.rng.uniform(1.5, 5.8), (1.5, 3.0), _CROWN_M)
-    for x in (-1.5, 1.5):
+        draft.tree(draft.rng.choice((-1.7, 1.7)), draft.rng.uniform(1.5, 5.8), (1.5, 3.0), _CROWN_M)
+    for x in (-1.4, 1.4):
         if draft.rng.random() < 0.35:
             draft.person(x, draft.rng.uniform(1.2, 4.5), _any(draft))
 
@@ -195,16 +195,16 @@ def _in_or_out(draft: Draft) -> float:
 
 
 BEHIND_WAYS: tuple[tuple[Composition, float], ...] = (
-    (under_tree, 0.22),
-    (group, 0.10),
+    (under_tree, 0.20),
+    (group, 0.08),
     (behind_line, 0.14),
     (garden, 0.12),
     (bench, 0.08),
     (cafe, 0.06),
     (racks, 0.09),
     (stop, 0.04),
-    (parked_by_hedge, 0.09),
-    (lot, 0.06),
+    (parked_by_hedge, 0.12),
+    (lot, 0.07),
 )
 AT_KERBS: tuple[tuple[Composition, float], ...] = ((kerb_tree, 0.5), (waiting, 0.3), (leant_cycles, 0.2))
 AT_WALLS: tuple[tuple[Composition, float], ...] = ((at_wall, 1.0),)

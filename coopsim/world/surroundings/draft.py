@@ -25,8 +25,8 @@ ALONG, OUT, BACK, IN = 0.0, np.pi / 2, np.pi, -np.pi / 2
 
 _ROOM_M = 0.05
 _HIPS_FROM_BACK_M = 0.17  # of a person who sits
-_LOW_CROWN_M = 0.35
-"""Crowns are rounder than the discs that stand for them."""
+LOW_CROWN_M = 0.35
+"""Crowns are round: the discs that stand for them are so much smaller."""
 
 
 class Item(NamedTuple):
@@ -64,7 +64,7 @@ class Draft:
     Attributes:
         rng: source of all draws.
         cast: models of bystanders.
-        items: what is there so far.
+        items: all so far.
         discs: discs (K, 4) that cover them: x, y, radius m, and layers.
     """
 
@@ -103,7 +103,7 @@ class Draft:
         stem, crown = (round(2 * self.rng.uniform(*ends)) / 2 for ends in (stem_m, crown_m))
         sizes = {"height_m": stem + round(2 * crown * self.rng.uniform(0.7, 1.1)) / 2, "crown_m": crown, "stem_m": stem}
         layers = GROUND | UNPAVED
-        self.add(Item("tree", None, x, y, ALONG, KINDS["tree"].ground_m, layers, crown / 2 - _LOW_CROWN_M, sizes))
+        self.add(Item("tree", None, x, y, ALONG, KINDS["tree"].ground_m, layers, crown / 2 - LOW_CROWN_M, sizes))
 
     def person(self, x: float, y: float, turn: float) -> None:
         """Add a person who stands."""

@@ -15,30 +15,37 @@ _TAKEN, _BACKWARDS, _OF_CYCLES = 0.85, 0.3, 0.05
 _BETWEEN, _ROOM_M = 0.3, 0.12
 """Share of the gaps between two parked cars in which somebody stands, and the least distance from both of them."""
 
-_BAY_M, _APART_M = 6.3, (5.5, 7.5)
+_PLANTED = 0.25
+"""Share of the other gaps in which a small tree stands."""
+
+_TREE_ROOM_M = 0.5
+_BAY_M, _NEXT_M = 6.3, 10.0
 _CYCLE_STEP_M = 0.75
 _DRIVEWAY_M, _SHORTEST_M = (2.3, 4.6), 4.8
 
 
-def in_bays(bays: tuple[Bay, ...], cast: Cast, rng: np.random.Generator) -> list[Bystander]:
-    """Return what is parked in bays that have no class of their own, and people between; in the order of the bays."""
+def in_bays(
+    bays: tuple[Bay, ...], cast: Cast, rng: np.random.Generator
+) -> tuple[list[Bystander], list[tuple[float, float]]]:
+    """Return what is parked in bays that have no class of their own, with people between, and places (m) for trees."""
     usual = [bay for bay in bays if bay.label is None]
     taken, backwards, of_cycles, between, aside = rng.random((5, len(usual)))
-    found, before = list[Bystander](), None
+    found, trees, before = list[Bystander](), list[tuple[float, float]](), None
     for k, bay in enumerate(usual):
         if taken[k] > _TAKEN:
             before = None
-            continue
-        if of_cycles[k] < _OF_CYCLES:
+        elif of_cycles[k] < _OF_CYCLES:
             found += _cycles(bay, cast, rng)
             before = None
-            continue
-        vehicle = _in_bay(bay, cast.vehicle, rng, backwards=bool(backwards[k] < _BACKWARDS))
-        found.append(vehicle)
-        if before is not None and between[k] < _BETWEEN:
-            found += _between(before, vehicle, bay.heading_rad, aside[k] - 0.5, cast, rng)
-        before = vehicle
-    return found
+        else:
+            vehicle = _in_bay(bay, cast.vehicle, rng, backwards=bool(backwards[k] < _BACKWARDS))
+            found.append(vehicle)
+            if before is not None and between[k] < _BETWEEN:
+                found += _between(before, vehicle, bay.heading_rad, aside[k] - 0.5, cast, rng)
+            elif before is not None and between[k] < _BETWEEN + _PLANTED:
+                trees += _gap(before, vehicle, _TREE_ROOM_M)
+            before = vehicle
+    return found, trees
 
 
 def _in_bay(bay: Bay, role: Role, rng: np.random.Generator, *, backwards: bool) -> Bystander:
@@ -66,15 +73,20 @@ def _between(
 ) -> list[Bystander]:
     """Return a person in the gap between two parked vehicles; none if there is too little room."""
     model, across = cast.standing.draw(rng), rng.choice((-0.5, 0.5)) * np.pi + rng.normal(0.0, 0.3)
+    left = np.array([-exact.sin(heading_rad), exact.cos(heading_rad)])
+    spots = np.array(_gap(behind, ahead, max(model.size_m[:2]) + 2 * _ROOM_M)).reshape(-1, 2) + aside * left
+    return [Bystander.of(model, x, y, heading_rad + float(across)) for x, y in spots.tolist()]
+
+
+def _gap(behind: Bystander, ahead: Bystander, least_m: float) -> list[tuple[float, float]]:
+    """Return the middle x, y (m) of the gap between two parked vehicles; none if it is shorter than `least_m`."""
     x, y = ahead.x_m - behind.x_m, ahead.y_m - behind.y_m
     away_m = float(exact.hypot(x, y))
     gap_m = away_m - (behind.length_m + ahead.length_m) / 2
-    if not _APART_M[0] - 3.0 < away_m < _APART_M[1] + 3.0 or gap_m < max(model.size_m[:2]) + 2 * _ROOM_M:
+    if away_m > _NEXT_M or gap_m < least_m:
         return []
-    share = (behind.length_m / 2 + gap_m / 2) / away_m
-    left = np.array([-exact.sin(heading_rad), exact.cos(heading_rad)])
-    at = np.array([behind.x_m + share * x, behind.y_m + share * y]) + aside * left
-    return [Bystander.of(model, float(at[0]), float(at[1]), heading_rad + float(across))]
+    share = (behind.length_m + gap_m) / 2 / away_m
+    return [(behind.x_m + share * x, behind.y_m + share * y)]
 
 
 def driveways(yards: tuple[Floats, ...]) -> list[tuple[Floats, float]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -15,7 +15,7 @@ from coopsim.types import Ints, Mask
 from coopsim.world.furniture.free_ground import CROWN, GROUND, Candidates, Discs, Obstacles, are_free, settle
 from coopsim.world.furniture.kinds import KINDS
 from coopsim.world.places.layout import Bystander
-from coopsim.world.surroundings.draft import Draft, Item
+from coopsim.world.surroundings.draft import LOW_CROWN_M, Draft, Item
 
 _GAP_M = 0.3
 """Between two compositions."""
@@ -33,7 +33,7 @@ class Stage:
     """Ground around obstacles, and what compositions have put on it so far.
 
     Attributes:
-        obstacles: what was there before.
+        obstacles: outlines that stay free.
         lanes: the lanes, over which no low crown hangs.
         entries: furniture, as entries of a file.
         bystanders: people and vehicles at rest.
@@ -70,6 +70,12 @@ class Stage:
         fits, self._standing = settle(candidates, self.obstacles, self._standing, _GAP_M)
         for k in np.flatnonzero(fits).tolist():
             self._build(drafts[k // steps].items, anchors[k // steps], steps_m[k % steps])
+
+    def plant(self, spots: Sequence[tuple[float, float]], sizes_m: Mapping[str, float]) -> None:
+        """Plant trees of one size at places (m) that are known to be free but for what their crowns may not touch."""
+        at, radius = np.array(spots, dtype=np.float64).reshape(-1, 2), sizes_m["crown_m"] / 2 - LOW_CROWN_M
+        free = are_free(at, radius, CROWN, self.obstacles) & are_free(at, radius, GROUND, self.lanes)
+        self.entries += [{"kind": "tree", "at": spot, "heading_deg": 0.0, **sizes_m} for spot in at[free].tolist()]
 
     def _over_lanes(self, middles: Floats, radii: Floats, layers: Ints) -> Mask:
         """Return the mask (N,) of crowns over a lane."""

@@ -32,6 +32,7 @@ MOST_BYSTANDERS = 600
 """In one place; those that come later are left out."""
 
 _DRIVEWAYS_USED = 0.75
+_SMALL_TREE_M = {"height_m": 4.5, "crown_m": 3.0, "stem_m": 1.8}
 
 
 @lru_cache(_KEPT)
@@ -47,9 +48,13 @@ def as_street(layout: Layout, seed: int, *, park: bool) -> Layout:
     """
     area, cast = area_of(layout), make_cast()
     lanes = lanes_of(layout, area)
-    stage = Stage(obstacles_of(layout, area), lanes)
+    # Crowns may grow into those that are there.
+    bare = [part for part in layout.furnishing if part.name != "tree" or part.opacity == 1]
+    stage = Stage(obstacles_of(replace(layout, furnishing=tuple(bare)), area), lanes)
     if park:
-        stage.bystanders += in_bays(layout.bays, cast, stream(seed, "surroundings", "bays"))
+        parked, trees = in_bays(layout.bays, cast, stream(seed, "surroundings", "bays"))
+        stage.bystanders += parked
+        stage.plant(trees, _SMALL_TREE_M)
     _fill_driveways(stage, layout, cast, stream(seed, "surroundings", "driveways"))
     kerbs, backs = street_sides(layout, area, lanes), way_sides(layout, lanes)
     for zone, compositions, steps_m, anchors in (

@@ -84,5 +84,5 @@ def test_two_mirrors_undo_each_other() -> None:
 
 
 def test_images_are_not_mirrored() -> None:
-    with pytest.raises(InvalidValueError, match="left_hand_share must be 0 with cameras, got 0.5"):
+    with pytest.raises(InvalidValueError, match=r"left_hand_share must be 0 with cameras, got 0\.5"):
         replace(SMALL, cameras={"front": 1.0}, left_hand_share=0.5)

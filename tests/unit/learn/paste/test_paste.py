@@ -74,7 +74,7 @@ def test_actors_stand_on_the_ground_and_in_nothing(pasted: tuple[Path, PastedFra
 def test_a_seed_gives_the_same_bytes_and_another_one_other_actors(
     bare: Path, pasted: tuple[Path, PastedFrame], tmp_path: Path
 ) -> None:
-    out, frame = pasted
+    _, frame = pasted
     (again,) = paste(bare, tmp_path / "again", MANY, one_doubt)
     assert again.path.name == frame.path.name and again.path.read_bytes() == frame.path.read_bytes()
     (other,) = paste(bare, tmp_path / "other", PasteSettings(actors=(12, 12), reach_m=22.0, seed=1), one_doubt)
@@ -106,7 +106,7 @@ def test_actors_move_steadily_through_consecutive_sweeps(tmp_path: Path) -> None
 
 
 def test_what_is_doubtful_counts_neither_way_in_a_training(pasted: tuple[Path, PastedFrame]) -> None:
-    out, frame = pasted
+    _, frame = pasted
     clip = RecordedClips((str(out),), frames=1, dt_s=(1.0,)).clip(0)
     (scene,) = clip.scenes
     assert scene.doubtful is not None and len(scene.boxes) == len(frame.boxes)
