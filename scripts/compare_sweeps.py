@@ -131,7 +131,7 @@ def _frame(scene: Scene, agent: AgentScene, drawn: ClipWorld) -> Frame:
 def measure(frame: Frame, sensor: Sensor) -> dict[str, list[float]]:
     """Return the values of a frame by the name of the row that they are averaged in."""
     values: dict[str, list[float]] = {"points a sweep, thousands": [len(frame.points) / 1000]}
-    for part in (_rays(frame, sensor), _ground(frame), _objects(frame, sensor), _clutter(frame)):
+    for part in (_rays(frame, sensor), _ground(frame), measure_objects(frame, sensor), _clutter(frame)):
         values |= part
     return values
 
@@ -185,7 +185,7 @@ def _ground(frame: Frame) -> dict[str, list[float]]:
     return rows
 
 
-def _objects(frame: Frame, sensor: Sensor) -> dict[str, list[float]]:
+def measure_objects(frame: Frame, sensor: Sensor) -> dict[str, list[float]]:
     """Return returns, brightness and outlines of vehicles and people."""
     rows: dict[str, list[float]] = {}
     for kind, boxes in (("vehicle", frame.vehicles), ("person", frame.people)):

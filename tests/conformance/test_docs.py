@@ -53,6 +53,7 @@ EXAMPLES = (
     ("docs/learn/first_attack.md", "23_your_own_attack.py"),
     ("docs/learn/first_defense.md", "22_your_own_defense.py"),
     ("docs/learn/bring_your_network.md", "24_bring_your_network.py"),
+    ("docs/reference/paste.md", "25_paste_into_sweeps.py"),
     TRAINS,
 )
 """Pages that teach by an example; CI runs all examples."""

@@ -71,8 +71,8 @@ class FreeGround:
         cells = _cells(box, 0.0)
         if (cells < 0).any() or (cells >= len(self._free)).any() or not self._free[tuple(cells.T)].all():
             return False
-        corners = (cells + 0.5) * _FINE_M - REACH_M
-        rise = float(np.ptp(self.heights(corners)))
+        spots: Floats = (cells.astype(np.float64) + 0.5) * _FINE_M - REACH_M
+        rise = float(np.ptp(self.heights(spots)))
         return rise < 0.1 + _STEEPEST * float(np.hypot(box[3], box[4]))
 
 

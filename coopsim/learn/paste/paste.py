@@ -159,7 +159,7 @@ def _paste_window(
             del made["ids"]  # of unrelated frames
         path = out / f"{stem}_{first + number:06d}.npz"
         packed = io.BytesIO()
-        np.savez_compressed(packed, **made)
+        np.savez_compressed(packed, allow_pickle=False, **made)
         write_whole_bytes(path, packed.getvalue())
         yield PastedFrame(path, frame.points, made["points"], made["boxes"], made["doubtful"])
 

@@ -10,6 +10,7 @@ import numpy as np
 from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.realism import realistic_lidar
 from coopsim.learn.paste.rays import SweepRays
+from coopsim.sensors.lidar.imperfections import look_in
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.lidar.returns import reflect
 from coopsim.sensors.scene import RayScene, Triangles
@@ -20,8 +21,8 @@ _MORE_LOST = 0.3  # most further share of lost returns: real vehicles return a t
 _STANDING_M = (0.3, 2.5)
 _NEAR_M, _ENOUGH = 40.0, 100
 _EVENLY = np.linspace(0.0, 1.0, 11)
-# Deciles of the light that 396 pasted actors threw back: ten in each of 16 sweeps of KITTI and Argoverse 2, three times.
-_LIGHT = np.array([0.0, 0.0366, 0.0604, 0.0841, 0.1163, 0.1591, 0.2127, 0.2842, 0.3759, 0.4955, 1.0])
+# Deciles of the light that 396 pasted actors threw back: ten in each of 16 real sweeps, three times.
+_LIGHT = np.array([0.0, 0.0387, 0.0636, 0.0886, 0.1212, 0.1577, 0.2033, 0.271, 0.3623, 0.4861, 1.0])
 
 
 class Optics(NamedTuple):
@@ -68,16 +69,17 @@ def cast(rays: SweepRays, points: int, triangles: Triangles, optics: Optics, rng
     flaws = optics.lidar.imperfections
     assert flaws is not None
     cosine = np.abs(np.einsum("ij,ij->i", scene.normals[face], toward)).astype(np.float32)
-    light = reflect(face, flaws.fall_off(cosine), triangles.reflectivity, 0.0).astype(np.float64)
-    light *= np.exp(flaws.speckle * rng.standard_normal(len(light)))
-    range_m = hits.range_m[first].astype(np.float64)
+    range_m, light = hits.range_m[first], reflect(face, flaws.fall_off(cosine), triangles.reflectivity, 0.0)
+    is_pane = triangles.reflectivity == GLASS.reflectivity
+    look_in(range_m, light, face, is_pane, rng.random(len(light), np.float32), flaws.through)
+    light *= np.exp(np.float32(flaws.speckle) * rng.standard_normal(len(light), np.float32))
     energy = light * (optics.lidar.reference_range_m / np.maximum(range_m, 1e-3)) ** 2
     kept = rng.standard_exponential(len(light)) * optics.lidar.dropout_energy <= energy
     kept &= rng.random(len(light)) >= optics.lost_share
-    kept &= (rng.random(len(light)) >= flaws.through) | (triangles.reflectivity[face] != GLASS.reflectivity)
-    range_m += optics.lidar.range_noise_m * rng.standard_normal(len(light))
-    there = rays.origin_m + toward * range_m[:, None]
-    return PastedReturns(there[kept], light[kept].clip(max=1.0), triangles.instance[face[kept]], first[:points])
+    kept &= np.isfinite(range_m)
+    reading_m = range_m[kept] + optics.lidar.range_noise_m * rng.standard_normal(int(kept.sum()))
+    there = rays.origin_m + toward[kept] * reading_m[:, None]
+    return PastedReturns(there, light[kept].clip(max=1.0), triangles.instance[face[kept]], first[:points])
 
 
 def match_intensities(light: Floats, points: Floats, above_m: Floats) -> Floats:

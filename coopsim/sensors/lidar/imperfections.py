@@ -132,7 +132,7 @@ class Imperfections:
         bright = np.exp(np.float32(self.speckle) * rng.standard_normal(rays, np.float32))
         if self.through > 0:
             is_pane = (triangles.reflectivity == GLASS.reflectivity) & (triangles.instance > STATIC_ID)
-            _look_in(range_m, bounced, face, is_pane, rng.random(rays, np.float32), self.through)
+            look_in(range_m, bounced, face, is_pane, rng.random(rays, np.float32), self.through)
         reach = min(self.edge_rad / 2 / (2 * np.pi / columns), _MOST_SHARE)
         worse = np.empty_like(range_m), np.empty_like(bounced), np.empty_like(face)
         _mix(range_m, bounced, face, at, columns, reach, pulse_m, worse)
@@ -181,7 +181,7 @@ class Imperfections:
 
 
 @njit(cache=True, nogil=True)
-def _look_in(range_m: Singles, bounced: Singles, face: Ints, is_pane: Mask, at: Singles, through: float) -> None:
+def look_in(range_m: Singles, bounced: Singles, face: Ints, is_pane: Mask, at: Singles, through: float) -> None:
     """Let a share of the rays (R,) on panes (F,) through, by uniform numbers `at` (R,): change range and light."""
     for ray in range(len(range_m)):
         if face[ray] < 0 or at[ray] >= through or not is_pane[face[ray]]:

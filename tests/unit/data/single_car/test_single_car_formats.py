@@ -14,6 +14,7 @@ from PIL import Image
 from coopsim.data.recordings.find_format import find_format, open_folder
 from coopsim.data.recordings.recorded_folder import ReadingOptions
 from coopsim.data.recordings.recorded_scene import RecordedScenes, count_returns_in
+from coopsim.errors import RecordingError
 from coopsim.geometry.se3 import SE3, wrap_angle
 from coopsim.types import ObjectClass
 
@@ -143,3 +144,18 @@ def test_a_rider_and_the_ridden_bicycle_are_one_object(tmp_path: Path) -> None:
 def test_tables_of_one_version_are_read_by_their_own_folder(tmp_path: Path) -> None:
     single.write_nuscenes(tmp_path)
     assert open_folder(tmp_path / "v1.0-mini").sequences == ("scene-0061",)
+
+
+def test_arrays_tell_where_they_are_doubtful_and_need_no_labels_where_these_are_not_asked_for(tmp_path: Path) -> None:
+    pose = np.array([[0.0, -1.0, 0.0, 5.0], [1.0, 0.0, 0.0, 7.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    doubtful = np.array([[10.0, 1.0, 0.8, 4.0, 2.0, 1.6, 0.0]])
+    frame = open_folder(single.write_arrays(tmp_path / "a", doubtful=doubtful, pose=pose)).open("queue").frame(0)
+    np.testing.assert_allclose(frame.doubtful, [[4.0, 17.0, 0.8, 4.0, 2.0, 1.6, np.pi / 2]], atol=1e-9)
+    bare = single.write_arrays(tmp_path / "b", boxes=None, names=None)
+    frame = open_folder(bare, ReadingOptions(labelled=False)).open("queue").frame(0)
+    assert not len(frame.objects) and not len(frame.doubtful)
+    with pytest.raises(RecordingError, match="names is missing"):
+        open_folder(bare).open("queue").frame(0)
+    for wrong in (np.zeros((1, 7)), np.zeros((2, 6)), np.array(["x"])):
+        with pytest.raises(RecordingError, match="doubtful"):
+            open_folder(single.write_arrays(tmp_path / "c", doubtful=wrong)).open("queue").frame(0)

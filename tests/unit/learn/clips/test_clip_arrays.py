@@ -39,7 +39,7 @@ def test_arrays_of_the_first_format_are_read() -> None:
 @pytest.mark.parametrize(
     ("name", "change", "message"),
     [
-        ("format", lambda array: array + 1, "this version of coopsim reads 1 and 2"),
+        ("format", lambda array: array + 2, "this version of coopsim reads 1 to 3"),
         ("boxes", lambda array: array * np.nan, "boxes must be rows of 7 finite"),
         ("boxes", lambda array: -array, "sizes > 0"),
         ("boxes", lambda array: array[1:], "different lengths"),
@@ -71,3 +71,17 @@ def test_arrays_of_no_clip_are_refused(name: str, change: Any, message: str) -> 
     arrays[name] = change(arrays[name])
     with pytest.raises(ValueError, match=message):
         clip_of(arrays)
+
+
+def test_doubtful_boxes_are_kept_and_clips_without_them_stay_the_same() -> None:
+    plain = small_clip()
+    first, *others = plain.scenes
+    boxes = np.array([[1.0, 2.0, 0.5, 4.0, 2.0, 1.5, 0.3], [9.0, 2.0, 0.5, 1.0, 1.0, 1.5, 0.0]])
+    doubting = replace(plain, scenes=(replace(first, doubtful=boxes), *others))
+    assert int(arrays_of(plain)["format"]) == 2 and "doubtful" not in arrays_of(plain)
+    back = clip_of(arrays_of(doubting))
+    np.testing.assert_array_equal(back.scenes[0].doubtful, boxes)
+    assert all(scene.doubtful is None for scene in back.scenes[1:])
+    for wrong in ({"doubts": np.array([3, 0])}, {"doubtful": np.zeros((2, 6))}, {"doubtful": np.full((2, 7), np.nan)}):
+        with pytest.raises(ValueError, match=r"doubt|lengths"):
+            clip_of({**arrays_of(doubting), **wrong})

@@ -50,13 +50,17 @@ def points_in(points: np.ndarray, box: np.ndarray, margin_m: float = 0.15) -> np
 
 
 def test_labels_are_those_of_the_returns(pasted: tuple[Path, PastedFrame]) -> None:
-    """Every new point is in a labelled box, every box has one, and all other points are those of the sweep."""
+    """New points are in labelled boxes, every box has one, and all other points are those of the sweep.
+
+    What is seen through a pane is up to 1.6 m behind it, which may be beyond the vehicle.
+    """
     _, frame = pasted
     was = {point.tobytes() for point in frame.before}
     new = np.array([point.tobytes() not in was for point in frame.points])
     assert len(frame.boxes) > 4 and 100 < new.sum() < len(frame.points) / 2
     inside = np.array([points_in(frame.points, box) for box in frame.boxes])
-    assert inside[:, new].any(axis=0).all() and (inside & new).any(axis=1).all()
+    assert inside[:, new].any(axis=0).mean() > 0.97 and (inside & new).any(axis=1).all()
+    assert np.array([points_in(frame.points[new], box, 1.7) for box in frame.boxes]).any(axis=0).all()
     assert len(frame.points) - new.sum() < len(frame.before)  # some are hidden
     assert frame.points[new, 3].max() <= frame.before[:, 3].max() and (frame.points[:, 3] >= 0).all()
 
@@ -106,7 +110,7 @@ def test_actors_move_steadily_through_consecutive_sweeps(tmp_path: Path) -> None
 
 
 def test_what_is_doubtful_counts_neither_way_in_a_training(pasted: tuple[Path, PastedFrame]) -> None:
-    _, frame = pasted
+    out, frame = pasted
     clip = RecordedClips((str(out),), frames=1, dt_s=(1.0,)).clip(0)
     (scene,) = clip.scenes
     assert scene.doubtful is not None and len(scene.boxes) == len(frame.boxes)
