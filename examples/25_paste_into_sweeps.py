@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 
 try:
-    from coopsim.learn.clips.simulated import SimulatedClips
-    from coopsim.learn.clips.world_recipe import WorldRecipe
-    from coopsim.learn.paste.doubts import DoubtFinder
+    from coopsim.learn.paste.object_finder import ObjectFinder
     from coopsim.learn.paste.paste import PasteSettings, paste
     from coopsim.learn.paste.picture import draw_pasted
 except ImportError:
     print("this example needs torch: pip install 'coopsim[learn]'")
     raise SystemExit(0) from None
+
+import coopsim
 
 
 def find_sweeps(folder: Path) -> Path:
@@ -23,8 +23,9 @@ def find_sweeps(folder: Path) -> Path:
     if real:
         points = np.load(real[0])["points"]
     else:
-        recipe = WorldRecipe(frames=1, cars=(1, 1), masts=(0, 0), drone_share=0.0)
-        points = SimulatedClips(recipe).clip(0).scenes[0].agents[0].points
+        env = coopsim.parallel_env("crossing", lidar="HDL-32E", max_cycles=1)
+        observations, _ = env.reset(seed=0)
+        points = observations[env.agents[0]]["sweeps"]["lidar"][:, :4]
     folder.mkdir()
     np.savez(folder / "mine_0.npz", points=points)  # x, y, z in m, z = 0 on the ground, and intensity
     return folder
@@ -34,7 +35,7 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as name:
         out = Path(name, "pasted")
         settings = PasteSettings(actors=(6, 6), reach_m=30.0)
-        for frame in paste(find_sweeps(Path(name, "sweeps")), out, settings, DoubtFinder(least_score=0.15)):
+        for frame in paste(find_sweeps(Path(name, "sweeps")), out, settings, ObjectFinder(least_score=0.15)):
             new = len(frame.points) - len(frame.before)
             print(f"{len(frame.boxes)} actors, {new:+d} points, {len(frame.doubtful)} doubtful places")
             draw_pasted(out / "paste.png", frame, settings.reach_m)

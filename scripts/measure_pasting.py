@@ -20,7 +20,7 @@ from compare_sweeps import ASIDE, PERSON_NAMES, SENSORS, VEHICLE_NAMES, Column, 
 from tabulate import tabulate
 
 from coopsim.geometry.se3 import Floats
-from coopsim.learn.paste.doubts import DoubtFinder
+from coopsim.learn.paste.object_finder import ObjectFinder
 from coopsim.learn.paste.paste import PasteSettings, paste
 from coopsim.learn.samples.targets import make_targets
 from coopsim.types import BevGrid, Ints, Mask
@@ -62,7 +62,7 @@ def columns_of(folder: Path, settings: PasteSettings) -> Iterator[Column]:
 
 def doubts_at(score: float, paths: Iterable[Path]) -> list[object]:
     """Return a row: score, covered and all vehicles and others, shares of cells that are not taught."""
-    find, covered, of_all, of_standing = DoubtFinder(least_score=score), list[tuple[bool, bool]](), [], []
+    find, covered, of_all, of_standing = ObjectFinder(least_score=score), list[tuple[bool, bool]](), [], []
     for path in paths:
         with np.load(path) as read:
             points, boxes = read["points"][:, :4], read["boxes"].astype(np.float64)

@@ -45,7 +45,7 @@ def _run_paste(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
-    from coopsim.learn.paste.doubts import DoubtFinder
+    from coopsim.learn.paste.object_finder import ObjectFinder
     from coopsim.learn.paste.paste import PasteSettings, paste
     from coopsim.learn.paste.picture import draw_pasted
 
@@ -57,7 +57,7 @@ def _run_paste(options: argparse.Namespace) -> int:
         seed=options.seed,
         lidar_height_m=options.lidar_height_m,
     )
-    doubts = DoubtFinder(options.detector, options.doubt, options.device)
+    doubts = ObjectFinder(options.detector, options.doubt, options.device)
     pasted = paste(options.sweeps, options.out, settings, doubts)
     frames = actors = 0
     picture = options.out / "paste.png"

@@ -101,7 +101,7 @@ class WorldRecipe:
         camera_above_m: range of the height over the agent's body.
         distorted_share: share of the clips whose lenses distort; the others are pinholes.
         times_of_day: names of lights in which cameras see, with their weights.
-        sensors: how sensors and ground of realistic clips are drawn where it differs from the usual; None: it does not.
+        sensors: ranges of sensors and ground of realistic clips that differ from the usual; None: none does.
         allow_test_places: accept also what results are measured on and no shipped network was trained on: the named
             scenarios, the shipped scenario files, and the sensors VLP-16 and OS1-128.
     """

@@ -26,7 +26,7 @@ from coopsim.support.rng import require_seed, stream
 from coopsim.types import NS_PER_S
 from coopsim.types.taxonomy import ObjectClass
 
-FindDoubts = Callable[[NDArray[np.float32]], Floats]
+FindObjects = Callable[[NDArray[np.float32]], Floats]
 """Returns boxes (K, 7) where points (N, 4) may show an object."""
 
 
@@ -38,7 +38,7 @@ class PasteSettings:
         actors: least and most actors that are drawn for a sweep; those that find no free ground are left out.
         reach_m: farthest place of an actor.
         frames: consecutive sweeps in which the same actors stand or move.
-        copies: how often each sweep is used, each time with other actors.
+        copies: number of uses of each sweep, each with other actors.
         seed: seed of all that is drawn.
         lidar_height_m: height of the LiDAR over the ground where files do not say it; None: as for other recordings.
     """
@@ -96,7 +96,7 @@ class PastedFrame:
     doubtful: Floats
 
 
-def paste(sweeps: Path, out: Path, settings: PasteSettings, find_doubts: FindDoubts) -> Iterator[PastedFrame]:
+def paste(sweeps: Path, out: Path, settings: PasteSettings, find_objects: FindObjects) -> Iterator[PastedFrame]:
     """Paste actors into all sweeps of a folder, and write the frames into another, which must be empty; yield them.
 
     Raises:
@@ -111,12 +111,12 @@ def paste(sweeps: Path, out: Path, settings: PasteSettings, find_doubts: FindDou
     for name in folder.sequences:
         sequence = folder.open(name)
         for first in range(0, sequence.frames, settings.frames):
-            window = _read(sequence, range(first, min(first + settings.frames, sequence.frames)), find_doubts)
+            window = _read(sequence, range(first, min(first + settings.frames, sequence.frames)), find_objects)
             for copy in range(settings.copies):
                 yield from _paste_window(window, out, name, first, copy, settings)
 
 
-def _read(sequence: RecordedSequence, numbers: Sequence[int], find_doubts: FindDoubts) -> list[RealFrame]:
+def _read(sequence: RecordedSequence, numbers: Sequence[int], find_objects: FindObjects) -> list[RealFrame]:
     """Read the sweeps of a window, of the recording's first agent."""
     frames = list[RealFrame]()
     read = [sequence.frame(number) for number in numbers]
@@ -131,7 +131,7 @@ def _read(sequence: RecordedSequence, numbers: Sequence[int], find_doubts: FindD
         points: NDArray[np.float32] = np.column_stack([sweep.points, sweep.intensity]).astype(np.float32)
         places = points[:, :3].astype(np.float64)
         sensor = find_sensor(places, agent.base_SE3_lidar.translation)
-        doubtful = find_doubts(points)
+        doubtful = find_objects(points)
         ground = FreeGround(places, sensor.origin_m)
         for box in doubtful:
             ground.take(box)

@@ -51,8 +51,8 @@ class Imperfections:
         gain: factor on reported intensities: data sets scale them differently.
         gamma: exponent of reported intensities, applied before `gain`.
         offset: added to reported intensities last, in [0, 1].
-        fade: how reported intensities fall with the range r, as (r / 15 m)^-`fade`, in [-2, 2]: sensors correct for it
-            too little or too much. 0: rightly.
+        fade: exponent by which reported intensities fall with the range, as (range / 15 m)^-`fade`, in [-2, 2]:
+            sensors correct for it too little or too much. 0: rightly.
         turn_s: time of a revolution, in [0, 1] s. Points on moving actors are moved to where these were when the beam
             fired; what hides what stays that of one time. `LidarConfig.turn_s` casts exactly, at more cost.
         stamp: moment of the revolution at which the sweep is dated, in [0, 1]; 1: its end.

@@ -28,7 +28,7 @@ def test_it_writes_frames_and_a_picture(tmp_path: Path, capsys: pytest.CaptureFi
         (["--actors", "many"], "must be a count or two, as 4-12, got 'many'"),
         (["--actors", "7-4"], "actors must be"),
         (["--detector", "none"], "unknown weights 'none'"),
-        (["--doubt", "2"], "doubt must be"),
+        (["--doubt", "2"], "least_score must be"),
         (["--reach-m", "500"], "reach_m must be"),
     ],
 )
@@ -38,7 +38,7 @@ def test_mistakes_end_in_one_line(
     command = ["paste", str(tmp_path), "--out", str(tmp_path / "out"), *changed]
     try:
         status = main(command)
-    except SystemExit as exit:
-        status = exit.code
+    except SystemExit as ended:
+        status = int(ended.code or 0)
     error = capsys.readouterr().err
     assert status == USER_ERROR and said in error and error.count("\n") == 1

@@ -1,4 +1,4 @@
-"""Doubts about a sweep: places where a detector sees an object, or may see one."""
+"""Finder of objects in a sweep without labels: places where a detector sees an object, or may see one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from coopsim.support.checks import require_probability
 _REACH_M = 76.8
 
 
-class DoubtFinder:
+class ObjectFinder:
     """Boxes that a detector finds in single sweeps.
 
     Args:
@@ -24,7 +24,7 @@ class DoubtFinder:
     """
 
     def __init__(self, weights: str = "pillars", least_score: float = 0.15, device: str = "cpu") -> None:
-        require_probability(doubt=least_score)
+        require_probability(least_score=least_score)
         self._detector, self._least_score = CloudDetector(load_detector(weights), find_backend(device, 1)), least_score
 
     def __call__(self, points: NDArray[np.float32]) -> Floats:
