@@ -184,7 +184,8 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             self._halfway = before
             raise
         self._seed = seed
-        self._exchange = Exchange(self._options, self._source.specs, self.road_map.buildings, seed)
+        source = self._source
+        self._exchange = Exchange(self._options, source.specs, self.road_map.buildings, seed, source.driven)
         self._scores = EpisodeScores(self._source, self._options, self._frame)
         self.agents = list(self._frame.agents)
         self._rewards.begin(self.agent_specs, self._options.match_iou, self._source.region_m, seed)
