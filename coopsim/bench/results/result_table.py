@@ -133,6 +133,20 @@ class ResultTable:
         averages = self.samples.average(values)
         return rate_interval(averages) if is_yes_no(metric) else mean_interval(averages)
 
+    def mean(self, metric: str, policy: int, conditions: Sequence[int]) -> Interval:
+        """Return the mean of a metric of a policy over conditions, with its interval.
+
+        A run in another scenario is another sample of a rate, as it is another episode; runs in one scenario with one
+        seed are alike, whatever disturbs them, and count once. So a rate has the same interval in every table. Other
+        metrics differ from scenario to scenario more than by chance: their samples are seeds, over all conditions.
+        """
+        values = self.values(metric)[policy]
+        if not is_yes_no(metric):
+            return self.interval(metric, known_mean(values[list(conditions)], axis=0))
+        groups = [[k for k in conditions if self.conditions[k].scenario == name] for name in self.scenarios]
+        rows = [self.samples.average(known_mean(values[group], axis=0)) for group in groups if group]
+        return rate_interval(np.concatenate(rows)) if rows else rate_interval(np.zeros(0))
+
     @property
     def shown(self) -> tuple[str, ...]:
         """The metrics that reports show, without bytes per second; all in the results if these have no usual one."""
@@ -186,6 +200,14 @@ class ResultTable:
         return filled
 
 
+def known_mean(values: Floats, axis: int) -> Floats:
+    """Average the values that are not NaN; NaN where all are."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of means without values
+        mean: Floats = np.nanmean(values, axis=axis)
+    return mean
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples:
     """The independent samples of a benchmark, over which its intervals are.
@@ -231,9 +253,7 @@ class Samples:
         """Return the means (..., N) over the seeds of each sample of values (..., S); NaNs are left out."""
         if self.count == len(self.group):
             return values
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # of means without values
-            means = [np.nanmean(values[..., self.group == k], axis=-1) for k in range(self.count)]
+        means = [known_mean(values[..., self.group == k], axis=-1) for k in range(self.count)]
         return np.stack(means, axis=-1)
 
 

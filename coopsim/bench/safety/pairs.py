@@ -12,8 +12,7 @@ from coopsim.bench.benchmark import check
 from coopsim.bench.grid.cell import Cell, CellResult
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.report.clips import RunCell, pairs_in_time
-from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.standings import known_mean
+from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.safety.recording import Recording, record
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats

@@ -12,9 +12,8 @@ import numpy as np
 
 from coopsim.bench.grid.cell import varying_axes
 from coopsim.bench.report.bench_text import difference_text, form_of, format_value, markdown_table
-from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.standings import known_mean
-from coopsim.bench.results.statistics import Interval, holm, rate_interval
+from coopsim.bench.results.result_table import ResultTable, known_mean
+from coopsim.bench.results.statistics import Interval, holm
 from coopsim.bench.safety.paired import Change, along, calm, change, gone_at, rank_correlation
 from coopsim.bench.safety.pairs import CRASH, policy_alone
 from coopsim.metrics.built_in import BYTES
@@ -60,7 +59,7 @@ bootstrap over situations and seeds. -1: the better policy by the metric always 
 
 def crash_rate(table: ResultTable, policy: int, conditions: Sequence[int]) -> Interval:
     """Return the crash rate of a policy in some conditions, per cent, with Wilson's interval."""
-    return rate_interval(table.values(CRASH)[policy, list(conditions)].ravel())
+    return table.mean(CRASH, policy, conditions)
 
 
 def matrix_html(table: ResultTable) -> str:
