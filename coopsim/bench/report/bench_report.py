@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from coopsim.bench.grid.cell import Axis, label, varying_axes
+from coopsim.bench.grid.cell import label, values_of, varying_axes
 from coopsim.bench.report.bench_tables import condition_table, failures, leaderboard
 from coopsim.bench.report.bench_text import interval_kinds
 from coopsim.bench.report.clips import Clip
@@ -181,7 +181,8 @@ def _crashes(table: ResultTable) -> str:
 
 def _data(table: ResultTable, played: Played) -> dict[str, Any]:
     axes = varying_axes(table.conditions)
-    values = [sorted({axis.value(each) for each in table.conditions}) for axis in axes]
+    texts = [values_of(axis, table.conditions) for axis in axes]
+    values = [list(each) for each in texts]
     scenarios = table.scenarios
     metrics = [*table.shown, *([BYTES] if BYTES in table.metrics else [])]
     return {
@@ -192,11 +193,12 @@ def _data(table: ResultTable, played: Played) -> dict[str, Any]:
             {
                 "title": axis.title,
                 "label": axis.label,
-                "values": [_json(value) for value in each],
-                "texts": [_text(axis, value, table) for value in each],
-                "mildest": each.index(min(each, key=axis.harm)),
+                "values": list(range(len(each))) if axis.named else [_json(value) for value in each],
+                "texts": list(each.values()),
+                "named": axis.named,
+                "mildest": list(each).index(min(each, key=axis.harm)),
             }
-            for axis, each in zip(axes, values, strict=True)
+            for axis, each in zip(axes, texts, strict=True)
         ],
         "conditions": [
             {
@@ -211,10 +213,6 @@ def _data(table: ResultTable, played: Played) -> dict[str, Any]:
         "clips": [clip.data() for clip in played.clips],
         "pairs": [*map(pair_data, played.pairs), *map(lie_data, played.lies)],
     }
-
-
-def _text(axis: Axis, value: float, table: ResultTable) -> str:
-    return next(axis.text(each) for each in table.conditions if axis.value(each) == value)
 
 
 def _intervals(table: ResultTable, metric: str) -> list[list[list[float | None]]]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from coopsim.bench.engine.job import Job, run_job
 from coopsim.bench.evaluate import OnFrame
-from coopsim.bench.grid.cell import Cell, CellResult
+from coopsim.bench.grid.cell import NOBODY_LIES, Cell, CellResult
 from coopsim.bench.grid.grid import LISTS
 from coopsim.bench.isolated.isolation import FRAME_LIMIT_S, Isolation
 from coopsim.bench.paper.protocol_text import protocol_text
@@ -132,6 +132,8 @@ def _short(value: object) -> str:
         return "the environment's own"
     if value == math.inf:
         return "no limit"
+    if value == "":
+        return NOBODY_LIES  # of all lists only that of attacks has empty texts
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import rankdata
 
-from coopsim.bench.grid.cell import Axis, mildest, mildest_along
+from coopsim.bench.grid.cell import Axis, mildest, mildest_along, values_of
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import CONFIDENCE, Interval, bootstrap_difference, rate_difference
 from coopsim.bench.safety.pairs import CRASH, policy_alone
@@ -99,12 +99,9 @@ def calm(table: ResultTable, scenario: str | None = None) -> list[int]:
 def along(table: ResultTable, axis: Axis) -> list[tuple[str, list[int]]]:
     """Return the values of an axis in words, the mildest first, with the conditions of each; all else is mildest."""
     chosen = mildest_along(axis, table.conditions)
-    values = sorted({axis.value(table.conditions[k]) for k in chosen}, key=axis.harm)
-    found = []
-    for value in values:
-        here = [k for k in chosen if axis.value(table.conditions[k]) == value]
-        found.append((axis.text(table.conditions[here[0]]), here))
-    return found
+    texts = values_of(axis, [table.conditions[k] for k in chosen])
+    by_harm = list(texts) if axis.named else sorted(texts, key=axis.harm)
+    return [(texts[value], [k for k in chosen if axis.value(table.conditions[k]) == value]) for value in by_harm]
 
 
 def gone_at(table: ResultTable, policy: int, axis: Axis) -> str | None:
