@@ -111,7 +111,10 @@ def _finite(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _usual(table: ResultTable) -> tuple[str, ...]:
-    return tuple(name for name in (*METRICS_SHOWN, *custom_metrics()) if name in table.shown) or table.shown
+    fitting = {*METRICS_SHOWN, *custom_metrics()}.intersection(table.shown)
+    first = table.shown[:1] if fitting.intersection(table.shown[:1]) else ()
+    named = (*first, *METRICS_SHOWN, *custom_metrics())
+    return tuple(name for name in dict.fromkeys(named) if name in fitting) or table.shown
 
 
 def _leaderboard(table: ResultTable, metric: str) -> str:

@@ -76,7 +76,7 @@ def publish(
     """
     require_count(0, clips=clips, pairs=pairs)
     require_non_negative(clip_time_s=clip_time_s)
-    table, folder, origin = ResultTable.of(results), Path(folder), provenance or Provenance()
+    table, folder, origin = ResultTable.of(results, metrics), Path(folder), provenance or Provenance()
     about = _about(origin, title)
     contents = {folder / "report.md": to_markdown(table, title, metrics), folder / "results.csv": to_csv(table)}
     contents |= {folder / name: text for name, text in paper_files(table, origin, metrics).items()}

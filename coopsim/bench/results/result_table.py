@@ -29,6 +29,10 @@ REPORTED = (
 """The built-in metrics that reports show, in order; those that users have registered follow."""
 
 
+_FIRST = ("crash",)
+"""Metrics that rank wherever the results have them: a tracker's score is no answer where a car is driven."""
+
+
 def named(policy: str, *, bound: bool) -> str:
     """Return a policy's name as tables show it: a bound is marked."""
     return f"{policy} (upper bound)" if bound else policy
@@ -46,6 +50,7 @@ class ResultTable:
         frames: length of each run; None: each ended with its episode.
         places: place of each result in the arrays.
         samples: independent samples that the seeds make.
+        asked: metrics that reports begin with; the first one ranks.
     """
 
     policies: tuple[str, ...]
@@ -56,6 +61,7 @@ class ResultTable:
     results: tuple[CellResult, ...]
     places: tuple[tuple[int, int, int], ...]
     samples: Samples
+    asked: tuple[str, ...] = ()
 
     @property
     def arithmetics(self) -> tuple[str, ...]:
@@ -69,8 +75,8 @@ class ResultTable:
         return several and f"Networks multiplied in {several}: differences between cells may come from that."
 
     @classmethod
-    def of(cls, results: Sequence[CellResult]) -> ResultTable:
-        """Sort results into a table.
+    def of(cls, results: Sequence[CellResult], asked: Sequence[str] = ()) -> ResultTable:
+        """Sort results into a table; reports begin with the metrics that are `asked` for.
 
         Raises:
             InvalidValueError: there are no results, runs have several lengths, or a cell is there twice.
@@ -100,6 +106,7 @@ class ResultTable:
             ordered,
             tuple((policies[cell.policy], conditions[cell.condition], seeds[cell.seed]) for cell in cells),
             samples_of(ordered, tuple(seeds)),
+            tuple(asked),
         )
 
     @property
@@ -149,10 +156,14 @@ class ResultTable:
 
     @property
     def shown(self) -> tuple[str, ...]:
-        """The metrics that reports show, without bytes per second; all in the results if these have no usual one."""
-        usual = {*REPORTED, *custom_metrics()} - {BYTES}
-        known = [name for name in self.metrics if name in usual]
-        return tuple(known) or tuple(name for name in self.metrics if name != BYTES)
+        """The metrics that reports show, without bytes per second; all in the results if these have no usual one.
+
+        The first one ranks: the first that was asked for, else crashes where cars were driven.
+        """
+        first = [name for name in self.asked or _FIRST if name in self.metrics]
+        usual = {*REPORTED, *custom_metrics()}
+        known = [name for name in self.metrics if name in usual and name != BYTES] or self.metrics
+        return tuple(name for name in dict.fromkeys([*first, *known]) if name != BYTES)
 
     @property
     def failures(self) -> tuple[CellResult, ...]:

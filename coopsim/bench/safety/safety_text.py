@@ -14,6 +14,7 @@ from coopsim.bench.grid.cell import varying_axes
 from coopsim.bench.report.bench_text import difference_text, form_of, format_value, markdown_table
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import Interval, holm
+from coopsim.bench.safety.lie_costs import CRASH_HEADS, cost_heads, cost_rows, crash_rows
 from coopsim.bench.safety.paired import Change, along, calm, change, gone_at, rank_correlation
 from coopsim.bench.safety.pairs import CRASH, policy_alone
 from coopsim.metrics.built_in import BYTES
@@ -35,10 +36,11 @@ def to_safety_markdown(table: ResultTable) -> str:
             _matrix_text(table),
             "Episodes with a crash of the driven car, and 95 % intervals.",
         ),
-        ("What messages change", _changes(table), _CHANGES_NOTE),
+        ("What messages change", markdown_table(CHANGE_HEADS, change_rows(table), texts=2), CHANGES_NOTE),
         ("What they cost", _prices(table), "Mean per episode, sharing minus alone, with 95 % intervals."),
-        ("Driving", _driving(table), "Means over all situations in the mildest condition."),
-        ("Crashes over bytes", _bytes(table), "In the mildest condition; policies by the bytes that an agent sends."),
+        ("What lies cost", _lies(table), _LIES_NOTE),
+        ("Driving", _driving(table), "Means over all situations where nothing disturbs, or as little as was run."),
+        ("Crashes over bytes", _bytes(table), "Where nothing disturbs, or as little as was run; policies by the bytes that an agent sends."),
         ("Where the gain is gone", _gone(table), _GONE_NOTE),
         ("What predicts crashes", _predictors(table), _PREDICTORS_NOTE),
     ]
@@ -46,12 +48,19 @@ def to_safety_markdown(table: ResultTable) -> str:
     return "# Safety\n\n" + "\n\n".join(shown) + "\n"
 
 
-_CHANGES_NOTE = """Against the policy that sends nothing, with the same seeds, in the mildest condition.
+CHANGE_HEADS = ("policy", "situation", "pairs", "alone", "sharing", "avoided", "caused", "difference", "p")
+
+CHANGES_NOTE = """Against the policy that sends nothing, with the same seeds, where nothing disturbs, or as little as was run.
 *Avoided*: alone it crashes, with messages it does not; *caused*: the other way round. p is McNemar's, corrected for all
 rows by Holm's method."""
 
-_GONE_NOTE = """Difference of crash rates, sharing minus alone, in percentage points, while all else is mildest.
-*Gone at*: the first value from which on the 95 % interval has 0."""
+_LIES_NOTE = """Each attack against the same policy with the same seeds while nobody lies, and nothing else disturbs. *Avoided*: only the
+honest run ends in a crash; *caused*: only that with the lie. The second table has mean differences per episode, lie minus
+honest, with 95 % intervals: brakes for nothing, hard brakes, share of the way driven, and time lost."""
+
+_GONE_NOTE = """Difference of crash rates, sharing minus alone, in percentage points, while nothing else disturbs.
+*Gone at*: the first value from which on the 95 % interval has 0, so that fewer crashes are not shown. *No gain shown*:
+it has 0 from the first value on."""
 
 _PREDICTORS_NOTE = """Spearman's rank correlation over policies, upper bounds left out, with a 95 % interval by a
 bootstrap over situations and seeds. -1: the better policy by the metric always crashes less; 0: it says nothing."""
@@ -105,7 +114,8 @@ def _competitors(table: ResultTable) -> list[int]:
     return [k for k in range(len(table.policies)) if k != base] if base is not None else []
 
 
-def _changes(table: ResultTable) -> str:
+def change_rows(table: ResultTable) -> list[list[str]]:
+    """Return rows of text below `CHANGE_HEADS`: crashes that messages avoid and cause, by policy and situation."""
     tried = [
         (scenario, change(table, k, conditions))
         for k in _competitors(table)
@@ -113,12 +123,10 @@ def _changes(table: ResultTable) -> str:
     ]
     known = [(scenario, found) for scenario, found in tried if found is not None]
     corrected = holm(np.array([found.p_value for _, found in known]))
-    rows = [
+    return [
         [table.names[found.policy], scenario, *_change_cells(found), f"{p_value:.2g}"]
         for (scenario, found), p_value in zip(known, corrected.tolist(), strict=True)
     ]
-    heads = ["policy", "situation", "pairs", "alone", "sharing", "avoided", "caused", "difference", "p"]
-    return markdown_table(heads, rows, texts=2)
 
 
 def _change_cells(found: Change) -> list[str]:
@@ -137,6 +145,14 @@ def _prices(table: ResultTable) -> str:
         ]
         rows.append([table.names[table.policies[k]], *cells])
     return markdown_table(["policy", *metrics], rows) if metrics else ""
+
+
+def _lies(table: ResultTable) -> str:
+    parts = [
+        markdown_table(CRASH_HEADS, crash_rows(table), texts=2),
+        markdown_table(cost_heads(table), cost_rows(table), texts=2),
+    ]
+    return "\n\n".join(part for part in parts if part)
 
 
 def _driving(table: ResultTable) -> str:
@@ -167,16 +183,15 @@ def _gone(table: ResultTable) -> str:
         steps = along(table, axis)
         rows = []
         for k in _competitors(table):
-            found = [change(table, k, conditions) for _, conditions in steps]
-            if table.policies[k] in table.bounds or None in found:
+            tried = [(text, change(table, k, conditions)) for text, conditions in steps]
+            found = [(text, each) for text, each in tried if each is not None]
+            if table.policies[k] in table.bounds or len(found) < len(tried):
                 continue
-            cells = [difference_text(each.change, ".1f") for each in found if each is not None]
-            gone = gone_at(table, k, axis)
-            rows.append([table.policies[k], *cells, "never shown" if gone == steps[0][0] else gone or "not in these"])
+            cells = [difference_text(each.change, ".1f") for _, each in found]
+            rows.append([table.policies[k], *cells, gone_at(axis, found)])
         if rows:
-            parts.append(
-                f"### {axis.title}\n\n" + markdown_table(["policy", *(text for text, _ in steps), "gone at"], rows)
-            )
+            heads = ["policy", *(text for text, _ in steps), "gone under" if axis.named else "gone at"]
+            parts.append(f"### {axis.title}\n\n" + markdown_table(heads, rows))
     return "\n\n".join(parts)
 
 

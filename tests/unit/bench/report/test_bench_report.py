@@ -20,10 +20,12 @@ from synthetic_results import FRAMES, LATENCIES, failed, result, results
 from coopsim.bench.grid.cell import Cell, Condition
 from coopsim.bench.report.bench_plots import plots
 from coopsim.bench.report.bench_report import About, Played, render_bench_report, write_bench_report
-from coopsim.bench.report.bench_text import to_csv, to_markdown
+from coopsim.bench.report.bench_text import leaderboard_text, to_csv, to_markdown
+from coopsim.bench.report.publish import publish
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import mean_interval
 from coopsim.errors import UnknownNameError
+from tests.helpers.crashes import crash_results
 
 TABLE = ResultTable.of(results())
 ABOUT = About("a title", "coopsim bench --seeds 0,1,2", {"frames": "40"})
@@ -255,3 +257,27 @@ def test_the_tables_say_in_which_numbers_networks_multiply() -> None:
     given = [replace(each, arithmetic="bfloat16") for each in results()]
     assert "\n\nNetworks multiply in bfloat16.\n\n" in to_markdown(ResultTable.of(given), "t")
     assert "Networks" not in to_markdown(TABLE, "t")
+
+
+def _ranked_by(folder: Path, **options: Any) -> tuple[list[str], str, str]:
+    """Publish runs with crashes; return the page's metrics, the one whose leaderboard it shows, and that of Markdown."""
+    folder.mkdir()
+    publish(folder, crash_results(sAMOTA=lambda policy: 50.0 + len(policy)), clips=0, **options)
+    shown = Page((folder / "report.html").read_text(encoding="utf-8"))
+    boards = [attributes for tag, attributes, _ in shown.elements if tag == "div" and "data-metric" in attributes]
+    (first,) = [each["data-metric"] for each in boards if "hidden" not in each]
+    heads = (folder / "report.md").read_text(encoding="utf-8").splitlines()[2].split("|")
+    return [each["name"] for each in shown.data["metrics"]], first, heads[3].strip()
+
+
+def test_the_metrics_that_are_asked_for_begin_every_report(tmp_path: Path) -> None:
+    asked = ("phantom_brakes", "impact_speed")
+    metrics, first, markdown = _ranked_by(tmp_path / "asked", metrics=asked)
+    assert metrics[:2] == list(asked) and {"crash", "sAMOTA"} < set(metrics) and len(metrics) == len(set(metrics))
+    assert first == markdown == asked[0]
+
+
+def test_where_cars_were_driven_crashes_rank(tmp_path: Path) -> None:
+    metrics, first, markdown = _ranked_by(tmp_path / "usual")
+    assert metrics[0] == first == markdown == "crash"
+    assert leaderboard_text(ResultTable.of(crash_results())).splitlines()[0].split("|")[3].strip() == "crash"
