@@ -14,6 +14,7 @@ from coopsim.bench.report.bench_tables import condition_table, failures, leaderb
 from coopsim.bench.report.bench_text import interval_kinds
 from coopsim.bench.report.clips import Clip
 from coopsim.bench.report.formats import definitions, fill_page
+from coopsim.bench.report.keys import FALSE_NOTE, SCENE, keys_html
 from coopsim.bench.report.lie_pages import lie_data, lies_section
 from coopsim.bench.report.lie_pairs import FilmedLie
 from coopsim.bench.report.scene import DRAWING, Scene
@@ -29,8 +30,8 @@ _CRASHES_NOTE = """<p class="note">Episodes in which the driven car crashed, in 
 95 % intervals. <code>safety.md</code> says what messages change, seed by seed, and what they cost.</p>"""
 
 _CLIPS_NOTE = """<p class="note">Windows in which a policy fell farthest behind the best one in the same condition and
-seed, varied in policy, condition and traffic. Left the policy, right the best one at the same time; ground truth is
-outlined in grey, tracks have the colour of their id. The agent is the one whose MOTA differs most.</p>"""
+seed, varied in policy, condition and traffic. Left the policy, right the best one at the same time. The agent is the one
+whose MOTA differs most. {}</p>""".format(FALSE_NOTE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,7 +170,8 @@ def _clips(table: ResultTable, clips: Sequence[Clip], notes: Sequence[str]) -> s
             'value="0" aria-label="frame" autocomplete="off"><output></output></div></figure>'
         )
     listed = "".join(f'<p class="note">{html.escape(note)}</p>' for note in notes)
-    return f"<section><h2>Worst moments</h2>{_CLIPS_NOTE}{''.join(parts)}{listed}</section>"
+    legend = keys_html(SCENE) if clips else ""
+    return f"<section><h2>Worst moments</h2>{_CLIPS_NOTE}{legend}{''.join(parts)}{listed}</section>"
 
 
 def _crashes(table: ResultTable) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from coopsim.bench.grid.cell import label
+from coopsim.bench.report.keys import SCENE, keys_html
 from coopsim.bench.report.lie_pairs import FilmedLie, joined
 from coopsim.bench.report.scene import Film, boxes_data, frame_data, home_of, map_data, tracks_data
 from coopsim.bench.results.result_table import ResultTable
@@ -21,25 +22,17 @@ _NOTE = """<p class="note">The same seed while all are honest (left) and while s
 the lie costs most. Both show the points, the tracks and the arriving messages of one honest receiver, for ten seconds
 from the beginning of the lie. Click a moment to see it.</p>"""
 
-_KEYS = (
-    ("claimed", "claimed by the liar"),
-    ("denied", "there, and left out or moved by the liar"),
-    ("stated", "the liar, with a line to where its message says it is"),
-    ("told", "message that arrives"),
-    ("truth", "truth"),
-)
-"""Marks in the pictures by class of the page, and what they mean. Tracks have the colours of their numbers."""
+_KEYS = (*SCENE, "told", "claimed", "denied", "stated")
 
 
 def lies_section(filmed: Sequence[FilmedLie], notes: Sequence[str], table: ResultTable, first: int = 0) -> str:
     """Return the section as HTML; empty without pairs and notes. `first` is the number of its first pair's data."""
     if not filmed and not notes:
         return ""
-    keys = "".join(f'<span class="key"><i class="{name}"></i>{text}</span>' for name, text in _KEYS)
     figures = "".join(_figure(k, first + k, each, table) for k, each in enumerate(filmed))
     listed = "".join(f'<p class="note">{html.escape(note)}</p>' for note in notes)
-    legend = f'<div class="keys">{keys}<span class="key">other colours: tracks by number</span></div>'
-    return f"<section><h2>Lies</h2>{_NOTE}{legend if filmed else ''}{figures}{listed}</section>"
+    legend = keys_html(_KEYS) if filmed else ""
+    return f"<section><h2>Lies</h2>{_NOTE}{legend}{figures}{listed}</section>"
 
 
 def _figure(number: int, data: int, filmed: FilmedLie, table: ResultTable) -> str:

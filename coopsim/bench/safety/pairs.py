@@ -21,7 +21,7 @@ from coopsim.metrics.built_in import BYTES
 CRASH, IMPACT = "crash", "impact_speed"
 
 _REPEATED = 0.5
-"""Weight of a pair whose situation, policy, condition, seed or outcome was chosen before, once for each."""
+"""Weight of a pair whose situation, policy, condition or outcome was chosen before, once for each."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +55,10 @@ def policy_alone(table: ResultTable) -> int | None:
 
 
 def telling_pairs(table: ResultTable, count: int) -> tuple[Pair, ...]:
-    """Choose at most `count` pairs of which one run crashed, the fastest crash first, varied in all that differs."""
+    """Choose at most `count` pairs of which one run crashed, the fastest crash first, varied in all that differs.
+
+    A situation with a seed is one event, and is there once, whatever else differs.
+    """
     alone = policy_alone(table)
     if alone is None or CRASH not in table.metrics:
         return ()
@@ -72,8 +75,7 @@ def telling_pairs(table: ResultTable, count: int) -> tuple[Pair, ...]:
         pairs.append(Pair(runs[alone, condition, seed], runs[policy, condition, seed]))
         alike = avoided if avoided[policy, condition, seed] else caused
         same_place = scenarios == scenarios[condition]
-        weights[:, same_place, seed] *= _REPEATED  # nearly the same run
-        weights[policy, condition, seed] = 0.0
+        weights[:, same_place, seed] = 0.0
         for chosen in (np.s_[policy], np.s_[:, condition], np.s_[:, same_place], alike):
             weights[chosen] *= _REPEATED
     return tuple(pairs)
