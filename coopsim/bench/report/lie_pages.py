@@ -19,8 +19,8 @@ from coopsim.types import NS_PER_S
 from coopsim.types.lies import Lie
 
 _NOTE = """<p class="note">The same seed while all are honest (left) and while somebody lies (right): the pairs in which
-the lie costs most. Both show the points, the tracks and the arriving messages of one honest receiver, for ten seconds
-from the beginning of the lie. Click a moment to see it.</p>"""
+the lie costs most. Both show the points, the tracks and the arriving messages of one honest receiver, from a second before
+the lie tells on it, for ten seconds. Click a moment to see it.</p>"""
 
 _KEYS = (*SCENE, "told", "claimed", "denied", "stated")
 
@@ -60,9 +60,12 @@ def _moments(filmed: FilmedLie) -> str:
         (filmed.begins_s, "the lie begins"),
         (filmed.believed_s, f"{filmed.pair.receiver} tracks what is not there"),
         (filmed.lost_s, f"{filmed.pair.receiver} has no track on what is denied"),
+        (filmed.crash_s, f"{filmed.pair.receiver} crashes"),
     ]
     end_s = filmed.attacked.frames[0].time_ns / NS_PER_S + (filmed.last - 1) * filmed.attacked.dt_s
-    shown = sorted((at_s, text) for at_s, text in moments if at_s is not None and at_s <= end_s + 1e-6)
+    first_s = filmed.attacked.frames[filmed.first].time_ns / NS_PER_S
+    shown = [(at_s, text) for at_s, text in moments if at_s is not None and first_s - 1e-6 <= at_s <= end_s + 1e-6]
+    shown.sort(key=lambda each: each[0])  # stable: of one time, the beginning stands first
     return "".join(
         f'<button class="moment" data-s="{at_s:.3f}">{at_s:.1f} s {html.escape(text)}</button>' for at_s, text in shown
     )
