@@ -33,6 +33,13 @@ _FIRST = ("crash",)
 """Metrics that rank wherever the results have them: a tracker's score is no answer where a car is driven."""
 
 
+_COUNTED = {
+    "passes of the defense": "further passes of the policy for its defence",
+    "receptions judged": "received messages judged by the defence",
+}
+"""Words of counters for readers."""
+
+
 def named(policy: str, *, bound: bool) -> str:
     """Return a policy's name as tables show it: a bound is marked."""
     return f"{policy} (upper bound)" if bound else policy
@@ -176,7 +183,10 @@ class ResultTable:
         total: dict[str, Counter[str]] = {policy: Counter() for policy in self.policies}
         for result in self.results:
             total[result.cell.policy].update(result.counts)
-        words = {policy: ", ".join(f"{n} {name}" for name, n in sorted(each.items())) for policy, each in total.items()}
+        words = {
+            policy: ", ".join(f"{n} {_COUNTED.get(name, name)}" for name, n in sorted(each.items()))
+            for policy, each in total.items()
+        }
         return {policy: text for policy, text in words.items() if text}
 
     @property

@@ -5,7 +5,6 @@ Rates have Wilson's intervals, differences are paired by situation and seed.
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 
 import numpy as np
@@ -71,32 +70,8 @@ def crash_rate(table: ResultTable, policy: int, conditions: Sequence[int]) -> In
     return table.mean(CRASH, policy, conditions)
 
 
-def matrix_html(table: ResultTable) -> str:
-    """Return the crash rates of situations by policies as an HTML table, darker with more crashes."""
-    heads = "".join(f"<th>{html.escape(name)}</th>" for name in table.names.values())
-    rows = []
-    for scenario, conditions in _situations(table):
-        cells = []
-        for k in range(len(table.policies)):
-            rate = crash_rate(table, k, conditions)
-            share = 0 if np.isnan(rate.mean) else rate.mean
-            shade = f"background: rgb(212 60 40 / {0.55 * share / 100:.3f})"
-            cells.append(f'<td style="{shade}">{_rate_html(rate)}</td>')
-        rows.append(f'<tr><td class="about">{html.escape(scenario)}</td>{"".join(cells)}</tr>')
-    return (
-        f'<div class="scroll"><table><thead><tr><th class="about">situation</th>{heads}</tr></thead>'
-        f"<tbody>{''.join(rows)}</tbody></table></div>"
-    )
-
-
-def _rate_html(rate: Interval) -> str:
-    if not rate.count:
-        return "-"
-    return f'{rate.mean:.0f} % <span class="dim">{rate.low:.0f} to {rate.high:.0f}, n {rate.count}</span>'
-
-
-def _situations(table: ResultTable) -> list[tuple[str, list[int]]]:
-    """Return the situations with their mildest condition, then all together."""
+def situations(table: ResultTable) -> list[tuple[str, list[int]]]:
+    """Return the situations with the condition that disturbs least, then all together."""
     rows = [(scenario, calm(table, scenario)) for scenario in table.scenarios]
     return [*rows, (_ALL, calm(table))] if len(rows) > 1 else rows
 
@@ -104,7 +79,7 @@ def _situations(table: ResultTable) -> list[tuple[str, list[int]]]:
 def _matrix_text(table: ResultTable) -> str:
     rows = [
         [scenario, *(_rate(crash_rate(table, k, conditions)) for k in range(len(table.policies)))]
-        for scenario, conditions in _situations(table)
+        for scenario, conditions in situations(table)
     ]
     return markdown_table(["situation", *table.names.values()], rows)
 
@@ -119,7 +94,7 @@ def change_rows(table: ResultTable) -> list[list[str]]:
     tried = [
         (scenario, change(table, k, conditions))
         for k in _competitors(table)
-        for scenario, conditions in _situations(table)
+        for scenario, conditions in situations(table)
     ]
     known = [(scenario, found) for scenario, found in tried if found is not None]
     corrected = holm(np.array([found.p_value for _, found in known]))

@@ -45,7 +45,7 @@ function panelsOf(title, pointsOf, draw) {
     caption.append(make("b", {}, alone ? title : data.scenarios[scenario]));
     const output = caption.appendChild(make("output"));
     if (points.length) figure.append(draw(points, vertical, (point) => describe(output, point), data.scenarios[scenario]));
-    else caption.append(make("span", { className: "dim" }, "no such cell"));
+    else caption.append(make("span", { className: "dim" }, "not run"));
   });
 }
 

@@ -85,7 +85,7 @@ def test_the_leaderboard_is_in_order_and_each_metric_has_one() -> None:
 def test_all_says_what_there_is() -> None:
     shown = page()
     assert shown.texts("title") == shown.texts("h1") == ["a title"]
-    assert "3 policies x 3 conditions x 3 seeds, 40 frames each: 27 cells finished" in shown.texts("p")
+    assert "3 policies x 3 conditions x 3 seeds, 40 frames each: 27 runs finished" in shown.texts("p")
     assert "40" in shown.texts("dd") and "coopsim bench --seeds 0,1,2" in shown.texts("pre")
     assert any("95 % intervals of the mean over 3 seeds, by Student's t" in text for text in shown.texts("p", "note"))
     assert "Worst moments" not in shown.texts("h2"), "no clips, no section"
@@ -147,7 +147,7 @@ def test_failed_missing_and_undefined_cells_are_shown() -> None:
     given[4] = replace(given[4], values={**given[4].values, "sAMOTA": math.nan, "HOTA": math.inf})
     table = ResultTable.of(given[:-1])
     shown = page(table)
-    assert any("25 cells finished, 1 failed, 1 not run" in text for text in shown.texts("p"))
+    assert any("25 runs finished, 1 failed, 1 not run" in text for text in shown.texts("p"))
     assert "good, latency 100 ms, seed 0: " in shown.texts("summary") and "ValueError: <no>" in shown.texts("code")
     assert shown.texts("td", "failed")[:2] == ["8 of 9, 1 not run", "8 of 9, 1 failed"]
     markdown = to_markdown(table, "t")
@@ -158,7 +158,7 @@ def test_every_cell_failed() -> None:
     table = ResultTable.of([failed(each.cell) for each in results()])
     shown = page(table)
     assert shown.data["metrics"] == [] and len(shown.texts("pre")) == 28
-    assert "Failed cells" in to_markdown(table, "t") and to_csv(table).count("\n") == 28
+    assert "Failed runs" in to_markdown(table, "t") and to_csv(table).count("\n") == 28
     assert plots(ResultTable.of(results(conditions=LATENCIES[:1])), "sAMOTA") == {}
 
 
@@ -189,7 +189,7 @@ def test_what_stands_behind_a_row_is_shown() -> None:
     saying = [replace(each, method="half of <a paper>") for each in results() if each.cell.policy == "bad"]
     table = ResultTable.of(saying)
     assert table.methods == {"bad": "half of <a paper>"} and TABLE.methods == {}
-    heading = "What stands behind the rows"
+    heading = "Methods of the policies"
     assert f"## {heading}\n\n- bad: half of \\<a paper\\>" in to_markdown(table, "t")
     assert "half of &lt;a paper&gt;" in render_bench_report(table, ABOUT)
     assert heading not in to_markdown(TABLE, "t") + render_bench_report(TABLE, ABOUT)
