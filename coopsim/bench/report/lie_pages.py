@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from coopsim.bench.grid.cell import label
+from coopsim.bench.report.bench_text import form_of
 from coopsim.bench.report.keys import SCENE, keys_html
-from coopsim.bench.report.lie_pairs import FilmedLie, joined
+from coopsim.bench.report.lie_pairs import FilmedLie, LiePair, joined
 from coopsim.bench.report.scene import Film, boxes_data, frame_data, home_of, map_data, tracks_data
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.geometry.se3 import Floats
@@ -40,8 +41,7 @@ def _figure(number: int, data: int, filmed: FilmedLie, table: ResultTable) -> st
     cell = pair.attacked.cell
     honest = [replace(each, attacks="") for each in table.conditions]
     where = f"{label(replace(cell.condition, attacks=''), honest)}, seed {cell.seed}, {cell.policy}"
-    lost, kept = (each.agents[pair.receiver][pair.metric] for each in (pair.attacked, pair.honest))
-    change = f"{pair.metric} of {pair.receiver} {kept:.1f}, under the lie {lost:.1f}"
+    change = _cost(pair)
     panels = "".join(
         f'<div><p><b>{name}</b> <span class="dim">{html.escape(about)}</span></p>'
         f'<canvas data-side="{side}" role="img" aria-label="{name}, from above"></canvas>'
@@ -53,6 +53,15 @@ def _figure(number: int, data: int, filmed: FilmedLie, table: ResultTable) -> st
         f'{html.escape(change)}</figcaption><div class="pair">{panels}</div><div class="player"><button>Play</button>'
         '<input type="range" min="0" value="0" aria-label="frame" autocomplete="off"><output></output></div></figure>'
     )
+
+
+def _cost(pair: LiePair) -> str:
+    """Describe what the lie costs its receiver."""
+    lost, kept = (each.agents[pair.receiver][pair.metric] for each in (pair.attacked, pair.honest))
+    if pair.metric == "crash":
+        return f"{pair.receiver} crashes only under the lie"
+    form = form_of(pair.metric)
+    return f"{pair.metric.replace('_', ' ')} of {pair.receiver} {kept:{form}}, under the lie {lost:{form}}"
 
 
 def _moments(filmed: FilmedLie) -> str:

@@ -157,13 +157,12 @@ def _crash(run: Recording, name: str) -> str:
 def outcome(run: Recording) -> str:
     """Describe the end of a run, and the way there, in a sentence."""
     events = run.events
-    known = "never had a track of it"
-    if events.tracked_s is not None:
-        how = "had a track of it" if events.told_by is None else f"heard of it from {events.told_by}"
-        known = f"{how} at {events.tracked_s:.1f} s"
-    braked = "did not brake hard" if events.braked_s is None else f"braked hard at {events.braked_s:.1f} s"
-    end = "no crash." if events.crash_s is None else f"crash at {3.6 * run.events.impact_m_s:.0f} km/h."
-    return f"{known}, {braked}, {end}"
+    past = {"told": f"heard of it from {events.told_by}", "track": "had a track of it", "brake": "braked hard"}
+    happened = [f"{past[kind]} at {at_s:.1f} s" for at_s, kind, _ in events.words() if kind in past]
+    missing = ["never had a track of it"] * (events.tracked_s is None)
+    missing += ["did not brake hard"] * (events.braked_s is None)
+    end = "no crash." if events.crash_s is None else f"crash at {3.6 * events.impact_m_s:.0f} km/h."
+    return ", ".join([*happened, *missing, end])
 
 
 def _knowledge(run: Recording, time_s: float) -> tuple[str, palette.RGB]:

@@ -70,9 +70,9 @@ def _size_in(table: ResultTable) -> tuple[float, float]:
 
 
 def _finish(figure: Figure, panel: Any) -> None:
-    """End the vertical axis above the highest whisker, and put the legend below."""
-    top = panel.dataLim.y1
-    panel.set_ylim(0, 10 * math.ceil(min(max(1.05 * top, 1.0), 100.0) / 10))
+    """End the vertical axis above the highest whisker, with room for a marker at 0, and put the legend below."""
+    top = 10 * math.ceil(min(max(1.05 * panel.dataLim.y1, 1.0), 100.0) / 10)
+    panel.set_ylim(-0.03 * top, top)
     figure.legend(fontsize=9, frameon=False, loc="outside lower center", ncols=_COLUMNS)
 
 
