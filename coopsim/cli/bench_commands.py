@@ -58,7 +58,13 @@ def _add_report(parser: argparse.ArgumentParser) -> None:
 def _add_outputs(parser: argparse._ActionsContainer) -> None:
     """Declare what `bench` and `report` write."""
     add = parser.add_argument
-    add("--metrics", type=names, default=(), metavar="A,B", help="of leaderboards, LaTeX tables and figure; the first ranks")
+    add(
+        "--metrics",
+        type=names,
+        default=(),
+        metavar="A,B",
+        help="of leaderboards, LaTeX tables and figure; the first ranks",
+    )
     add("--clips", type=count_or_zero, default=5, help="of the worst moments (default: %(default)s)")
     add("--plots", action="store_true", help="write the curves of all metrics as SVG files, too")
     add("--json", type=Path, metavar="PATH", help="write means and intervals of each policy and condition here as well")

@@ -59,8 +59,8 @@ def outlines(boxes: Boxes3D) -> Floats:
 class BevRenderer:
     """Renderer of frames over a map, for people: the truth grey, agents yellow, the ego filled, and its tracks green.
 
-    A track where nothing is, is false: thin, grey and crossed out. North (y) is up. The view is centred on the agents in
-    steps of 20 m, so that it does not move in every frame. The lower left corner is free for words of others.
+    A track where nothing is, is false: thin, grey and crossed out. North (y) is up. The view is centred on the agents
+    in steps of 20 m, so that it does not move in every frame. The lower left corner is free for words of others.
 
     Args:
         road_map: outlines of the place.
@@ -173,7 +173,7 @@ class BevRenderer:
         self._text(f"{SCALE_BAR_M:.0f} m", np.array([left, bottom - 20]), palette.TEXT)
 
     def _keys(self, frame: BevFrame) -> list[tuple[str, palette.RGB, int, bool]]:
-        """Return the legend's words, each with colour and width of its mark (0: filled), and whether that is crossed."""
+        """Return the legend's words, each with colour and width of its mark (0: filled), and whether it is crossed."""
         keys = [("object", palette.TRUTH, 1, False)]
         if frame.about is not None:
             keys.append((frame.about, palette.AGENT, 0, False))

@@ -123,8 +123,9 @@ def _edges(points: Sequence[_Point]) -> tuple[float, float]:
     first, third = (float(each) for each in np.percentile([each.value.mean for each in points], [25, 75]))
     reach = _FAR * (third - first) or math.inf
     near = [each for each in points if first - reach <= each.value.mean <= third + reach]
-    lows, highs = zip(*((each.value.mean - each.whiskers[0], each.value.mean + each.whiskers[1]) for each in near))
-    return min(first - reach, *lows), max(third + reach, *highs)
+    low = min(each.value.mean - each.whiskers[0] for each in near)
+    high = max(each.value.mean + each.whiskers[1] for each in near)
+    return min(first - reach, low), max(third + reach, high)
 
 
 def pareto_front(rates: Sequence[float], values: Sequence[float], less: bool) -> list[int]:

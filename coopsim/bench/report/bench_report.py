@@ -25,9 +25,9 @@ from coopsim.bench.safety.safety_page import crashes_section
 from coopsim.metrics.built_in import BYTES, all_metrics, less_is_better
 from coopsim.support.files import write_whole
 
-_CLIPS_NOTE = """<p class="note">Windows in which a policy fell farthest behind the best one in the same condition and
-seed, varied in policy, condition and traffic. Left the policy, right the best one at the same time. The agent is the one
-whose MOTA differs most. {}</p>""".format(FALSE_NOTE)
+_CLIPS_NOTE = f"""<p class="note">Windows in which a policy fell farthest behind the best one in the same condition and
+seed, varied in policy, condition and traffic. Left the policy, right the best one at the same time. The agent is the
+one whose MOTA differs most. {FALSE_NOTE}</p>"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,7 +7,14 @@ import math
 from collections.abc import Sequence
 
 from coopsim.bench.grid.cell import name_of_cell, short_label
-from coopsim.bench.report.bench_text import BYTES_TITLE, LEAST_DISTURBED, form_of, format_value, interval_beside, title_of
+from coopsim.bench.report.bench_text import (
+    BYTES_TITLE,
+    LEAST_DISTURBED,
+    form_of,
+    format_value,
+    interval_beside,
+    title_of,
+)
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import Standing, standings
 from coopsim.bench.results.statistics import Interval

@@ -21,8 +21,8 @@ _WORDS = {
 SCENE = ("truth", "ego", "agent", "track", "false")
 """Marks of every view."""
 
-FALSE_NOTE = """Detectors report objects where nothing is, and trackers follow some of them: such false tracks are part of
-what is measured, and pictures draw them thin, grey and crossed out."""
+FALSE_NOTE = """Detectors report objects where nothing is, and trackers follow some of them: such false tracks are part
+of what is measured, and pictures draw them thin, grey and crossed out."""
 
 
 def keys_html(names: Iterable[str]) -> str:

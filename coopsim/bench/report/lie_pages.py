@@ -19,9 +19,9 @@ from coopsim.geometry.se3 import Floats
 from coopsim.types import NS_PER_S
 from coopsim.types.lies import Lie
 
-_NOTE = """<p class="note">The same seed while all are honest (left) and while somebody lies (right): the pairs in which
-the lie costs most. Both show the points, the tracks and the arriving messages of one honest receiver, from a second before
-the lie tells on it, for ten seconds. Click a moment to see it.</p>"""
+_NOTE = """<p class="note">The same seed while all are honest (left) and while somebody lies (right): the pairs in
+which the lie costs most. Both show the points, the tracks and the arriving messages of one honest receiver, from a
+second before the lie tells on it, for ten seconds. Click a moment to see it.</p>"""
 
 _KEYS = (*SCENE, "told", "claimed", "denied", "stated")
 

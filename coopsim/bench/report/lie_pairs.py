@@ -205,9 +205,9 @@ def _tells(honest: Film, attacked: Film, begin: int, receiver: str) -> int:
         lied = attacked.frames[k]
         if _is_tracked(lied, receiver):
             return k
-        if k < len(honest.frames) and _is_lost(lied, receiver):
-            if not _is_lost(replace(honest.frames[k], lies=lied.lies), receiver):
-                return k
+        told = replace(honest.frames[k], lies=lied.lies) if k < len(honest.frames) else lied
+        if _is_lost(lied, receiver) and not _is_lost(told, receiver):
+            return k
     return begin
 
 

@@ -21,6 +21,7 @@ from coopsim.metrics.deception import DECEPTION
 from coopsim.metrics.finding import FINDING
 from coopsim.metrics.metric import PRIMARY_METRIC
 
+
 def to_lies_markdown(table: ResultTable, metric: str = PRIMARY_METRIC) -> str:
     """Format all answers about a metric; parts for which the results have no data are left out."""
     parts = [
@@ -42,7 +43,9 @@ a defence costs when nobody lies."""
 def _attacks(table: ResultTable) -> list[tuple[str, list[int]]]:
     """Return the attacks in words, none first, with the numbers of their conditions."""
     texts = sorted({each.attacks for each in table.conditions})
-    return [(text or NOBODY_LIES, [k for k, each in enumerate(table.conditions) if each.attacks == text]) for text in texts]
+    return [
+        (text or NOBODY_LIES, [k for k, each in enumerate(table.conditions) if each.attacks == text]) for text in texts
+    ]
 
 
 def _scores(table: ResultTable, metric: str) -> str:

@@ -83,9 +83,7 @@ def crash_rows(table: ResultTable) -> list[list[str]]:
         crash = each.crash
         rates = [f"{rate:.0f} %" for rate in (crash.alone, crash.sharing)]
         counts = [str(crash.less), str(crash.more)]
-        rows.append(
-            [each.attack, each.policy, str(crash.pairs), *rates, *counts, difference_text(crash.change, ".1f")]
-        )
+        rows.append([each.attack, each.policy, str(crash.pairs), *rates, *counts, difference_text(crash.change, ".1f")])
     return rows
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -112,7 +113,7 @@ def _closest(drive: Drive) -> int:
 
 
 def last_sight(itself: Mask, until: int) -> tuple[int | None, int]:
-    """Return the first frame of the last stretch of sight (F,) that begins before a frame, and where it was lost before.
+    """Return the first frame of the last stretch of sight (F,) that begins before a frame, and where sight was lost.
 
     That is the frame after the stretch before, 0 if there was none; None: it was never in sight.
     """
@@ -142,7 +143,7 @@ def relied_on(known: Mask, hard: Sequence[int], until: int) -> tuple[int | None,
 
 
 def kept_unseen(known: Mask, track: int, seen: int | None, hidden: int, closest: int) -> bool:
-    """Return whether a track from frame `track` on is there while the object is out of sight, from `hidden` to `seen`."""
+    """Return whether a track from a frame on is there while the object is out of sight, from `hidden` to `seen`."""
     until = closest + 1 if seen is None else seen
     unseen = known[max(hidden, track) : until]
     return track < until and len(unseen) > 0 and float(unseen.mean()) > _TOLD_SHARE
@@ -152,7 +153,7 @@ def closed(mask: Mask) -> Mask:
     """Return a mask (F,) in which gaps of a few frames are filled."""
     filled = np.array(mask, dtype=np.bool_)
     found = list(stretches(filled))
-    for (_, end), (start, _) in zip(found, found[1:], strict=False):
+    for (_, end), (start, _) in pairwise(found):
         filled[end:start] |= start - end <= _GAP_FRAMES
     return filled
 

@@ -123,14 +123,22 @@ class PairClip:
         alone, sharing = self.alone.events, self.sharing.events
         if sharing.told_by is not None and sharing.tracked_s is not None:
             sight = "in sight again" if sharing.again else "in sight"
-            ahead = "" if sharing.seen_s is None else f", {sharing.seen_s - sharing.tracked_s:.1f} s before it is {sight}"
+            ahead = (
+                "" if sharing.seen_s is None else f", {sharing.seen_s - sharing.tracked_s:.1f} s before it is {sight}"
+            )
             told = f"with messages, the car hears of the {self._met()} from {sharing.told_by}{ahead}."
             yield sharing.tracked_s, _HOLDS_S["told"], f"{sharing.tracked_s:.1f} s: {told}"
         if alone.seen_s is not None:
             again = " again" if alone.again else ""
             tracked_s = alone.tracked_s
-            then = f"; the car has a track of it at {tracked_s:.1f} s" if tracked_s and tracked_s >= alone.seen_s else ""
-            yield alone.seen_s, 0.0, f"{alone.seen_s:.1f} s: alone, the {self._met()} is in sight{again} only now{then}."
+            then = (
+                f"; the car has a track of it at {tracked_s:.1f} s" if tracked_s and tracked_s >= alone.seen_s else ""
+            )
+            yield (
+                alone.seen_s,
+                0.0,
+                f"{alone.seen_s:.1f} s: alone, the {self._met()} is in sight{again} only now{then}.",
+            )
         for run, name in ((self.alone, "alone"), (self.sharing, "with messages")):
             if run.events.crash_s is not None:
                 yield run.events.crash_s, _HOLDS_S["crash"], f"{run.events.crash_s:.1f} s: {_crash(run, name)}"
@@ -138,7 +146,7 @@ class PairClip:
     def _opening(self) -> tuple[str, ...]:
         return (
             "One world, played twice: the same seed gives the same traffic, people and noise.",
-            f"It must not touch the {self._met()} in the ring. Left, it knows what it sees; right, also what others send.",
+            f"In the ring: the {self._met()}. Left, the car knows what it sees; right, also what others send.",
         )
 
     def _ending(self) -> tuple[str, ...]:

@@ -12,8 +12,8 @@ from coopsim.bench.grid.cell import label
 from coopsim.bench.report.keys import FALSE_NOTE, SCENE, keys_html
 from coopsim.bench.report.scene import boxes_data, frame_data, home_of, map_data, tracks_data
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.safety.pair_clip import outcome
 from coopsim.bench.safety.moments import tracked
+from coopsim.bench.safety.pair_clip import outcome
 from coopsim.bench.safety.recording import Recording
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
@@ -21,10 +21,10 @@ from coopsim.geometry.se3 import Floats
 _LEAD_S, _AFTER_S = 5.0, 1.5
 """Time shown before the crash, and after it where the other run goes on."""
 
-_NOTE = """<p class="note">The same seed without messages (left) and with them (right), of which one ended in a crash.
+_NOTE = f"""<p class="note">The same seed without messages (left) and with them (right), of which one ended in a crash.
 The world is the same until the cars drive differently. Each situation is there once for a seed. Click a moment to see
-it. {}
-<code>coopsim clip FOLDER --pair N</code> makes a film of a pair.</p>""".format(FALSE_NOTE)
+it. {FALSE_NOTE}
+<code>coopsim clip FOLDER --pair N</code> makes a film of a pair.</p>"""
 
 Filmed = Sequence[tuple[Recording, Recording]]
 

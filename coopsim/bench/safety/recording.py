@@ -17,7 +17,6 @@ from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.metrics.drive_events import find_events
 from coopsim.metrics.drive_log import Drive
 from coopsim.metrics.track_log import TrackLog
-from coopsim.types import Mask
 from coopsim.viz.bev import BevFrame
 from coopsim.viz.false_tracks import is_false
 from coopsim.world.snapshot import RoadMap
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
     from coopsim.envs.parallel import CooperativeEnv
 
 _POINTS_SHOWN = 700
+
 
 class Scenery(NamedTuple):
     """Content of a picture at one moment, in the world frame; bodies are x, y, length, width, m, and yaw, rad.

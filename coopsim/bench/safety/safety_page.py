@@ -17,16 +17,16 @@ from coopsim.bench.safety.pairs import CRASH, policy_alone
 from coopsim.bench.safety.safety_plots import crash_plots
 from coopsim.bench.safety.safety_text import CHANGE_HEADS, change_rows, crash_rate, situations
 
-_NOTE = """<p class="note">Episodes in which the driven car crashed, where nothing disturbs, or as little as was run, with
-Wilson's 95 % intervals and their number n.</p>"""
+_NOTE = """<p class="note">Episodes in which the driven car crashed, where nothing disturbs, or as little as was run,
+with Wilson's 95 % intervals and their number n.</p>"""
 
-_CHANGES_NOTE = """<p class="note">Against the policy that sends nothing, with the same seeds. <i>Avoided</i>: alone it crashes,
-with messages it does not; <i>caused</i>: the other way round. p is McNemar's, corrected for all rows by Holm's method. What
-messages cost is in <code>safety.md</code>, beside this page.</p>"""
+_CHANGES_NOTE = """<p class="note">Against the policy that sends nothing, with the same seeds. <i>Avoided</i>: alone it
+crashes, with messages it does not; <i>caused</i>: the other way round. p is McNemar's, corrected for all rows by Holm's
+method. What messages cost is in <code>safety.md</code>, beside this page.</p>"""
 
-_LIES_NOTE = """<p class="note">Against the same policy with the same seeds while nobody lies. <i>Avoided</i>: only the honest
-run ends in a crash; <i>caused</i>: only that with the lie. Below, differences per episode: brakes for nothing, hard brakes,
-share of the way driven, and time lost.</p>"""
+_LIES_NOTE = """<p class="note">Against the same policy with the same seeds while nobody lies. <i>Avoided</i>: only the
+honest run ends in a crash; <i>caused</i>: only that with the lie. Below, differences per episode: brakes for nothing,
+hard brakes, share of the way driven, and time lost.</p>"""
 
 
 def crashes_section(table: ResultTable) -> str:

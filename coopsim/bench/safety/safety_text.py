@@ -39,7 +39,11 @@ def to_safety_markdown(table: ResultTable) -> str:
         ("What they cost", _prices(table), "Mean per episode, sharing minus alone, with 95 % intervals."),
         ("What lies cost", _lies(table), _LIES_NOTE),
         ("Driving", _driving(table), "Means over all situations where nothing disturbs, or as little as was run."),
-        ("Crashes over bytes", _bytes(table), "Where nothing disturbs, or as little as was run; policies by the bytes that an agent sends."),
+        (
+            "Crashes over bytes",
+            _bytes(table),
+            "Where nothing disturbs, or as little as was run; policies by the bytes that an agent sends.",
+        ),
         ("Where the gain is gone", _gone(table), _GONE_NOTE),
         ("What predicts crashes", _predictors(table), _PREDICTORS_NOTE),
     ]
@@ -49,13 +53,14 @@ def to_safety_markdown(table: ResultTable) -> str:
 
 CHANGE_HEADS = ("policy", "situation", "pairs", "alone", "sharing", "avoided", "caused", "difference", "p")
 
-CHANGES_NOTE = """Against the policy that sends nothing, with the same seeds, where nothing disturbs, or as little as was run.
-*Avoided*: alone it crashes, with messages it does not; *caused*: the other way round. p is McNemar's, corrected for all
-rows by Holm's method."""
+CHANGES_NOTE = """Against the policy that sends nothing, with the same seeds, where nothing disturbs, or as little as
+was run. *Avoided*: alone it crashes, with messages it does not; *caused*: the other way round. p is McNemar's,
+corrected for all rows by Holm's method."""
 
-_LIES_NOTE = """Each attack against the same policy with the same seeds while nobody lies, and nothing else disturbs. *Avoided*: only the
-honest run ends in a crash; *caused*: only that with the lie. The second table has mean differences per episode, lie minus
-honest, with 95 % intervals: brakes for nothing, hard brakes, share of the way driven, and time lost."""
+_LIES_NOTE = """Each attack against the same policy with the same seeds while nobody lies, and nothing else disturbs.
+*Avoided*: only the honest run ends in a crash; *caused*: only that with the lie. The second table has mean differences
+per episode, lie minus honest, with 95 % intervals: brakes for nothing, hard brakes, share of the way driven, and time
+lost."""
 
 _GONE_NOTE = """Difference of crash rates, sharing minus alone, in percentage points, while nothing else disturbs.
 *Gone at*: the first value from which on the 95 % interval has 0, so that fewer crashes are not shown. *No gain shown*:

@@ -63,7 +63,7 @@ def draw(shown: BevFrame, road_map: RoadMap = NO_MAP, *, all_tracks: bool = Fals
 def where(picture: Picture, color: palette.RGB) -> Any:
     """x, y in m of all pixels of a colour beside the legend, (N, 2): x to the right, y up, from the middle."""
     same = (picture == color).all(axis=-1)
-    same[:LEGEND_PX[1], : LEGEND_PX[0]] = False
+    same[: LEGEND_PX[1], : LEGEND_PX[0]] = False
     rows, columns = np.nonzero(same)
     return np.column_stack([columns + 0.5 - WIDTH / 2, HEIGHT / 2 - rows - 0.5]) / PX_PER_M
 

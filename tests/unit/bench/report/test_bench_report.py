@@ -260,7 +260,7 @@ def test_the_tables_say_in_which_numbers_networks_multiply() -> None:
 
 
 def _ranked_by(folder: Path, **options: Any) -> tuple[list[str], str, str]:
-    """Publish runs with crashes; return the page's metrics, the one whose leaderboard it shows, and that of Markdown."""
+    """Publish runs with crashes; return the metrics of the page, that of its leaderboard, and that of Markdown."""
     folder.mkdir()
     publish(folder, crash_results(sAMOTA=lambda policy: 50.0 + len(policy)), clips=0, **options)
     shown = Page((folder / "report.html").read_text(encoding="utf-8"))

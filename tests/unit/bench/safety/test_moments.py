@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from tests.helpers.drives import PEDESTRIAN, Thing, drive, straight
 
 from coopsim.bench.safety.moments import Events, closed, find_moments, kept_unseen, last_sight, relied_on
 from coopsim.types import Mask
+from tests.helpers.drives import PEDESTRIAN, Thing, drive, straight
 
 
 def mask(count: int, *ranges: tuple[int, int]) -> Mask:
@@ -50,4 +50,9 @@ def test_moments_come_in_their_order_and_in_words() -> None:
     assert alone.told_by is None and told.told_by == "cav_2" and not told.again
     assert [text for _, _, text in told.words()] == ["heard of it from cav_2", "brakes hard", "in sight"]
     crash = Events(3.5, True, 3.9, 4.1, 5.1, 16 / 3.6, 51, None)
-    assert [text for _, _, text in crash.words()] == ["in sight again", "has a track", "brakes hard", "crash at 16 km/h"]
+    assert [text for _, _, text in crash.words()] == [
+        "in sight again",
+        "has a track",
+        "brakes hard",
+        "crash at 16 km/h",
+    ]

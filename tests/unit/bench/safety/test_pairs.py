@@ -27,7 +27,9 @@ def test_one_run_of_a_pair_crashed_and_no_bound_is_in_it() -> None:
 
 def test_an_event_is_shown_once_whatever_the_policy_and_the_disturbance() -> None:
     late = [Condition("crossing", latency_s=each) for each in (0.0, 0.2)]
-    pairs = telling_pairs(ResultTable.of(crash_results(lambda name, _, seed: name == "no_fusion" and not seed, late)), 5)
+    pairs = telling_pairs(
+        ResultTable.of(crash_results(lambda name, _, seed: name == "no_fusion" and not seed, late)), 5
+    )
     assert [pair.alone.cell.seed for pair in pairs] == [0]
 
 

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 
 import pytest
-
 from html_page import Page
 
 from coopsim.bench.grid.cell import Condition
 from coopsim.bench.report.bench_plots import plots
 from coopsim.bench.report.bench_report import About, render_bench_report
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.safety.safety_plots import crash_plots
 from coopsim.bench.safety.safety_page import answers_of, crashes_section, matrix_html
+from coopsim.bench.safety.safety_plots import crash_plots
 from coopsim.bench.safety.safety_text import to_safety_markdown
 from tests.helpers.crashes import RATES, crash_results
 
@@ -52,7 +52,7 @@ def test_ticks_are_words_that_people_read() -> None:
     words = re.findall(r">([^<>\n]+)</text>", svg)
     assert "mathdefault" not in svg and {"0", "10 k", "100 k"} <= set(words)
     places = [float(x) for x in re.findall(r'id="xtick_\d+">.*?<use [^>]*x="([0-9.]+)"', svg, re.DOTALL)]
-    assert len(places) >= 3 and min(b - a for a, b in zip(places, places[1:], strict=False)) > 30, "none on another"
+    assert len(places) >= 3 and min(b - a for a, b in pairwise(places)) > 30, "none on another"
 
 
 @pytest.mark.parametrize(("rates", "top"), [({}, 80), ({"no_fusion": 1}, 50)])
@@ -83,7 +83,9 @@ def test_the_page_begins_with_the_answer_and_has_its_tables() -> None:
     table = ResultTable.of(crash_results(conditions=LATE))
     answers = list(answers_of(table))
     assert answers[0] == "Alone (no_fusion), 50 % of the episodes end in a crash (30 to 70)."
-    assert "With late_fusion, 20 % of the episodes end in a crash (8 to 42): 6 avoided and 0 caused" in " ".join(answers)
+    assert "With late_fusion, 20 % of the episodes end in a crash (8 to 42): 6 avoided and 0 caused" in " ".join(
+        answers
+    )
     assert not any("truth" in each for each in answers), "the bound competes with nobody"
     page = Page(crashes_section(table))
     assert page.texts("h3") == ["What messages change"] and {"avoided", "caused"} <= set(page.texts("th"))
