@@ -61,7 +61,7 @@ class Events(NamedTuple):
         return sorted(shown, key=lambda each: each[0])  # stable: what is seen can be tracked in the same frame
 
 
-def in_sight(drive: Drive) -> Mask:
+def in_view(drive: Drive) -> Mask:
     """Return the mask (F,) of frames in which the car itself sees what it must not touch; short gaps are closed."""
     return closed(np.any((drive.seen_by == BY_ITSELF)[:, drive.in_conflict], axis=1))
 
@@ -84,9 +84,9 @@ def find_moments(drive: Drive, watchers: Mapping[str, int], arrived: Sequence[fr
     """
     events, times = find_events(drive), drive.time_s
     closest = _closest(drive)
-    itself, known = in_sight(drive), np.any(tracked(drive), axis=1)
+    itself, known = in_view(drive), np.any(tracked(drive), axis=1)
     hard = [int(np.searchsorted(times, at_s - 1e-9)) for at_s in events.hard_s]
-    seen, hidden = last_sight(itself, closest)
+    seen, hidden = last_view(itself, closest)
     track, braked = relied_on(known, hard, closest)
     told_by = None
     if track is not None and kept_unseen(known, track, seen, hidden, closest):
@@ -112,7 +112,7 @@ def _closest(drive: Drive) -> int:
     return int(np.nanmin(apart, axis=1).argmin()) if known.all() else len(drive) - 1
 
 
-def last_sight(itself: Mask, until: int) -> tuple[int | None, int]:
+def last_view(itself: Mask, until: int) -> tuple[int | None, int]:
     """Return the first frame of the last stretch of sight (F,) that begins before a frame, and where sight was lost.
 
     That is the frame after the stretch before, 0 if there was none; None: it was never in sight.

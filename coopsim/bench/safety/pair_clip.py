@@ -180,7 +180,7 @@ def _knowledge(run: Recording, time_s: float) -> tuple[str, palette.RGB]:
         by_message = events.told_by is not None and events.tracked_s is not None and time_s >= events.tracked_s
         by_message = by_message and (events.seen_s is None or time_s < events.seen_s)
         return (f"heard of it from {events.told_by}", TOLD) if by_message else ("has a track", KNOWN)
-    return ("in sight, no track", HIDDEN) if now.in_sight else ("hidden", HIDDEN)
+    return ("in sight, no track", HIDDEN) if now.in_view else ("hidden", HIDDEN)
 
 
 _KEYS = (

@@ -11,7 +11,7 @@ import numpy as np
 from coopsim.bench.grid.cell import Cell, CellResult
 from coopsim.bench.report.clips import RunCell, changed_since
 from coopsim.bench.report.scene import Film
-from coopsim.bench.safety.moments import BY_ITSELF, Events, find_moments, in_sight, tracked
+from coopsim.bench.safety.moments import BY_ITSELF, Events, find_moments, in_view, tracked
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.metrics.drive_events import find_events
@@ -35,7 +35,7 @@ class Scenery(NamedTuple):
         acceleration_m_s2: along its heading.
         bodies: (N, 5) of all others but those in conflict.
         conflicts: bodies (5,) of what the car must not touch, each with whether it has a track.
-        in_sight: whether the car's own sensors see one of these.
+        in_view: whether the car's own sensors see one of these.
         tracks: (M, 5) reported where something is.
         false_tracks: (K, 5) reported where nothing is.
         agents: places (2,) of all other agents.
@@ -46,7 +46,7 @@ class Scenery(NamedTuple):
     acceleration_m_s2: float
     bodies: Floats
     conflicts: list[tuple[Floats, bool]]
-    in_sight: bool
+    in_view: bool
     tracks: Floats
     false_tracks: Floats
     agents: dict[str, Floats]
@@ -94,7 +94,7 @@ class Recording:
             float(drive.acceleration_m_s2[after]),
             bodies[there & ~drive.in_conflict],
             [(bodies[k], bool(known[k])) for k in np.flatnonzero(there & drive.in_conflict)],
-            bool(in_sight(drive)[frame]),
+            bool(in_view(drive)[frame]),
             boxes[~false],
             boxes[false],
             self.others(reported),

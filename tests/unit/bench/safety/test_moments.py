@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coopsim.bench.safety.moments import Events, closed, find_moments, kept_unseen, last_sight, relied_on
+from coopsim.bench.safety.moments import Events, closed, find_moments, kept_unseen, last_view, relied_on
 from coopsim.types import Mask
 from tests.helpers.drives import PEDESTRIAN, Thing, drive, straight
 
@@ -18,14 +18,14 @@ def mask(count: int, *ranges: tuple[int, int]) -> Mask:
 
 def test_a_glimpse_that_was_lost_is_no_knowledge() -> None:
     sight, known = mask(60, (1, 25), (35, 52)), mask(60, (21, 23), (39, 48))
-    assert last_sight(sight, 51) == (35, 25)
+    assert last_view(sight, 51) == (35, 25)
     assert relied_on(known, [41], 51) == (39, 41), "not the glimpse at 21, before it was in sight again"
     assert not kept_unseen(known, 39, 35, 25, 51)
 
 
 def test_a_track_that_lasts_while_nothing_is_seen_was_heard_of() -> None:
     sight, known = mask(90, (1, 25), (36, 90)), mask(90, (1, 39), (43, 49))
-    seen, hidden = last_sight(sight, 80)
+    seen, hidden = last_view(sight, 80)
     track, brake = relied_on(known, [5, 44], 80)
     assert (seen, hidden, track, brake) == (36, 25, 1, 5)
     assert kept_unseen(known, 1, seen, hidden, 80)
@@ -33,7 +33,7 @@ def test_a_track_that_lasts_while_nothing_is_seen_was_heard_of() -> None:
 
 
 def test_what_was_never_in_sight_can_only_be_heard_of() -> None:
-    assert last_sight(mask(9), 8) == (None, 0)
+    assert last_view(mask(9), 8) == (None, 0)
     assert relied_on(mask(9), [3], 8) == (None, 3) and relied_on(mask(9, (2, 9)), [], 8) == (2, None)
     assert kept_unseen(mask(9, (2, 9)), 2, None, 0, 8)
 
