@@ -136,8 +136,9 @@ class BevRenderer:
         for name, tracks in frame.tracks.items() if self._all_tracks else ():
             if name != frame.about:
                 self._tracks(frame, tracks.boxes, centre, palette.OTHER_TRACK, width=1)
-        if frame.about in frame.tracks:
-            self._tracks(frame, frame.tracks[frame.about].boxes, centre, palette.TRACK, width=2)
+        own = frame.tracks.get(frame.about or "")
+        if own is not None:
+            self._tracks(frame, own.boxes, centre, palette.TRACK, width=2)
         for lie in frame.lies:
             self._polygons(outlines(lie.claimed), centre, palette.LIE, width=2)
         for name, body in frame.agents.items():
