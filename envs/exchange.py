@@ -27,7 +27,7 @@ from coopsim.types.messages import MessagePart, Said
 
 
 class Exchange:
-    """Messages of an episode; `buildings` are outlines (K, 2) m between antennas.
+    """Messages of an episode; `buildings` are outlines (K, 2) m between antennas, `driven` the cars that are driven.
 
     Attributes:
         channel: the channel.
@@ -35,11 +35,16 @@ class Exchange:
     """
 
     def __init__(
-        self, options: CommonOptions, specs: Mapping[str, AgentSpec], buildings: Sequence[Floats], seed: int
+        self,
+        options: CommonOptions,
+        specs: Mapping[str, AgentSpec],
+        buildings: Sequence[Floats],
+        seed: int,
+        driven: Sequence[str] = (),
     ) -> None:
         self.channel = Channel(options.channel_config, seed)
         self.lies: tuple[Lie, ...] = ()
-        self._liars = LyingAgents(options.attacks, specs, seed, network_of(options))
+        self._liars = LyingAgents(options.attacks, specs, seed, network_of(options), driven)
         self._uplinks = make_uplinks(options, specs, seed, self._liars)
         self._buildings = buildings if options.channel_config.radio is not None else None
         self._by_action = {name: each for name, each in self._uplinks.items() if isinstance(each, SaidByAction)}

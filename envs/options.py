@@ -69,6 +69,7 @@ class CommonOptions:
         expose_visibility: put there also how well each agent's LiDARs and cameras see every actor, which takes about
             twice the time of the rest of a step; needs `expose_ground_truth`.
         render_mode: None, "rgb_array" or "human".
+        render_tracks: tracks in pictures: "own", those of the agent that they are about, or "all".
         seed: seed of every episode for which `reset` is given no seed; None: a different one each time.
     """
 
@@ -87,12 +88,14 @@ class CommonOptions:
     expose_ground_truth: bool = False
     expose_visibility: bool = False
     render_mode: Literal["rgb_array", "human"] | None = None
+    render_tracks: Literal["own", "all"] = "own"
     seed: int | None = None
 
     def __post_init__(self) -> None:
         require_choice("false_positives", self.false_positives, ("count", "ignore"))
         if self.render_mode is not None:
             require_choice("render_mode", self.render_mode, ("rgb_array", "human"))
+        require_choice("render_tracks", self.render_tracks, ("own", "all"))
         if self.seed is not None:
             require_seed(self.seed)
         require_threshold(match_iou=self.match_iou)

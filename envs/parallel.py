@@ -106,7 +106,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._exchange: Exchange
         self._scores: EpisodeScores
         self._observations: dict[str, Packed] = {}
-        self._view = ScoredView()
+        self._view = ScoredView(options.render_tracks == "all")
 
     def __repr__(self) -> str:
         episode = "no episode" if self._frame is None or self._seed is None else f"seed {self._seed}"
@@ -182,7 +182,8 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             self._halfway = before
             raise
         self._seed = seed
-        self._exchange = Exchange(self._options, self._source.specs, self.road_map.buildings, seed)
+        source = self._source
+        self._exchange = Exchange(self._options, source.specs, self.road_map.buildings, seed, source.driven)
         self._scores = EpisodeScores(self._source, self._options, self._frame)
         self.agents = list(self._frame.agents)
         self._rewards.begin(self.agent_specs, self._options.match_iou, self._source.region_m, seed)
@@ -354,13 +355,17 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         """
         return self._current().probe.photograph()
 
-    def render(self) -> NDArray[np.uint8] | None:
-        """Draw `bev_frame()` from above: (H, W, 3) uint8 for "rgb_array", a window for "human"."""
+    def render(self, ego: str | None = None) -> NDArray[np.uint8] | None:
+        """Draw `bev_frame()` from above: (H, W, 3) uint8 for "rgb_array", a window for "human".
+
+        `ego` is the agent that the picture is about; None: the first driven car, or else the first agent. The picture
+        is for people: it knows the truth, and so which tracks are false.
+        """
         if self.render_mode is None:
             warnings.warn("render() does nothing: the environment was made without a render_mode", stacklevel=2)
             return None
         self._current()
-        return self._view.render(self.render_mode)
+        return self._view.render(self.render_mode, ego)
 
     def close(self) -> None:
         """Close the window and release the sensors' resources."""

@@ -76,9 +76,13 @@ class Rewards:
 
 
 class ScoredView:
-    """The frame that was scored last, and the tracks that were reported for it."""
+    """The frame that was scored last, and the tracks that were reported for it.
 
-    def __init__(self) -> None:
+    `all_tracks`: pictures show the tracks of all agents, not of the ego alone.
+    """
+
+    def __init__(self, all_tracks: bool = False) -> None:
+        self._all_tracks = all_tracks
         self._renderer: BevRenderer | None = None
         self._road_map: RoadMap
         self._frame: Frame
@@ -94,22 +98,24 @@ class ScoredView:
         """Take over a frame, the tracks reported for it, in each agent's base frame, and the lies in its messages."""
         self._frame, self._tracks, self._lies = frame, tracks, lies
 
-    def bev_frame(self, *, points: bool, agent: str | None = None) -> BevFrame:
-        """Return the frame with its tracks, in the world frame.
+    def bev_frame(self, *, points: bool, agent: str | None = None, ego: str | None = None) -> BevFrame:
+        """Return the frame with its tracks, in the world frame; it is about the `ego`, by default the first driven car.
 
         `points` adds those of all sweeps, or of those of one `agent`.
         """
         bodies = {name: agent.body for name, agent in self._frame.agents.items()}
         placed = {name: tracks.transform(bodies[name].world_SE3_base) for name, tracks in self._tracks.items()}
         cloud = world_points(self._frame, agent) if points else np.zeros((0, 3))
-        return BevFrame(self._frame.time_ns, self._frame.actors, bodies, cloud, placed, self._lies)
+        if ego is None:
+            ego = next((name for name, each in self._frame.agents.items() if each.car is not None), None)
+        return BevFrame(self._frame.time_ns, self._frame.actors, bodies, cloud, placed, self._lies, ego)
 
-    def render(self, mode: str) -> NDArray[np.uint8] | None:
+    def render(self, mode: str, ego: str | None = None) -> NDArray[np.uint8] | None:
         """Return a picture (H, W, 3) for the mode "rgb_array"; show it in a window for "human"."""
         if self._renderer is None:
-            self._renderer = BevRenderer(self._road_map)
+            self._renderer = BevRenderer(self._road_map, all_tracks=self._all_tracks)
         self._renderer.show_map(self._road_map)
-        frame = self.bev_frame(points=True)
+        frame = self.bev_frame(points=True, ego=ego)
         if mode == "human":
             self._renderer.show(frame)
             return None

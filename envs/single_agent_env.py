@@ -176,8 +176,8 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         return unpack_action(agent, {"tracks": self._ask_policies()[agent]["tracks"]})[0]
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Draw the scene from above; see `CooperativeEnv.render`."""
-        return self.parallel.render()
+        """Draw the scene from above, about the ego; see `CooperativeEnv.render`."""
+        return self.parallel.render(self.ego)
 
     def close(self) -> None:
         """Close the window and release the sensors' resources."""

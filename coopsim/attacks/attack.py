@@ -51,6 +51,7 @@ class AttackerView:
             knowledge "none", and without payloads with "poses".
         kinds: kind of every agent, "cav", "rsu" or "drone", which all know.
         network: the policy whose weights the attack knows; None unless its knowledge is "weights".
+        driven: cars that a planner or an action drives, in the environment's order.
     """
 
     spec: AgentSpec
@@ -63,6 +64,7 @@ class AttackerView:
     denials: list[Boxes3D] = field(default_factory=list)
     senders: set[str] = field(default_factory=set)
     against: str | None = None
+    driven: Sequence[str] = ()
 
     @property
     def time_s(self) -> float:
@@ -77,8 +79,12 @@ class AttackerView:
     def victim(self, name: str | None) -> Victim | None:
         """Return another agent by its messages; None: nothing was heard of it yet.
 
-        Without a `name` it is the nearest connected car, or the nearest other agent where no car was heard.
+        Without a `name` it is the first driven car besides the agent itself: a lie is worth most to whom it can make
+        brake. Where nobody else is driven it is the nearest connected car, or the nearest other agent where no car was
+        heard.
         """
+        if name is None:
+            name = next((each for each in self.driven if each != self.spec.name), None)
         if name is None:
             name = min(sorted(self.heard), key=self._strangeness, default=None)
         if name not in self.heard:
@@ -144,7 +150,7 @@ class Attack:
     Attributes:
         start_s: time from which the agent lies.
         end_s: time until which the agent lies.
-        against: name of the receiver that is meant; None: the nearest one, where the attack means one.
+        against: name of the receiver that is meant; None: see `AttackerView.victim`, where the attack means one.
         knowledge: knowledge that it needs, see `KNOWLEDGE`.
         contents: contents of messages that it can lie in; (): all on which its hooks have an effect.
     """

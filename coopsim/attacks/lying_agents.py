@@ -39,19 +39,26 @@ class LyingAgents:
         specs: specs of all agents.
         seed: the episode's seed.
         network: the policy whose weights attacks with the knowledge "weights" know; None: there is none.
+        driven: names of the cars that a planner or an action drives.
 
     Raises:
         UnknownNameError: there is no such agent.
     """
 
     def __init__(
-        self, option: AttacksOption, specs: Mapping[str, AgentSpec], seed: int, network: object = None
+        self,
+        option: AttacksOption,
+        specs: Mapping[str, AgentSpec],
+        seed: int,
+        network: object = None,
+        driven: Sequence[str] = (),
     ) -> None:
         self._agents: dict[str, _Liar] = {}
         kinds = {name: spec.kind for name, spec in specs.items()}
         for name, attacks in attacks_by_agent(option).items():
             require_choice("agent in attacks", name, specs)
-            self._agents[name] = _Liar(specs[name], [make_attack(each) for each in attacks], seed, kinds, network)
+            made = [make_attack(each) for each in attacks]
+            self._agents[name] = _Liar(specs[name], made, seed, kinds, network, driven)
         for name, liar in self._agents.items():
             for attack in liar.attacks:
                 if attack.against is not None:
@@ -148,10 +155,16 @@ class _Liar:
     """Attacks of an agent that lies."""
 
     def __init__(
-        self, spec: AgentSpec, attacks: Sequence[Attack], seed: int, kinds: Mapping[str, str], network: object
+        self,
+        spec: AgentSpec,
+        attacks: Sequence[Attack],
+        seed: int,
+        kinds: Mapping[str, str],
+        network: object,
+        driven: Sequence[str],
     ) -> None:
         self.attacks = attacks
-        self._spec, self._kinds, self.network = spec, kinds, network
+        self._spec, self._kinds, self.network, self._driven = spec, kinds, network, driven
         self._rngs = [stream(seed, "attack", spec.name, str(number)) for number in range(len(attacks))]
         self._heard: dict[str, tuple[Message, ...]] = {}
         self._acting: list[tuple[Attack, AttackerView]] = []
@@ -162,7 +175,8 @@ class _Liar:
         if observation is None:
             return
         for attack, rng in zip(self.attacks, self._rngs, strict=True):
-            view = AttackerView(self._spec, observation, rng, self._known(attack), self._kinds)
+            known = self._known(attack)
+            view = AttackerView(self._spec, observation, rng, known, self._kinds, driven=self._driven)
             if attack.knowledge == KNOWLEDGE[-1]:
                 view.network = self.network
             if attack.active(view.time_s):

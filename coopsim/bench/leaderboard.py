@@ -13,7 +13,7 @@ from tabulate import tabulate
 
 from coopsim.bench.evaluate import RecordingsEvaluation, evaluate_recordings, listening_env, replay_keywords
 from coopsim.bench.isolated.isolation import Isolation
-from coopsim.bench.report.bench_text import columns, format_value, score_row
+from coopsim.bench.report.bench_text import METHODS_TITLE, columns, format_value, score_row
 from coopsim.bench.report.formats import to_csv_text
 from coopsim.catalog import PolicySpec
 from coopsim.errors import InvalidValueError, RecordingError
@@ -103,7 +103,7 @@ def to_markdown(results: Results, title: str) -> str:
         parts.append(f"## {heading.capitalize()}\n\n{table}\n")
     methods = [f"- {name}: {result.method}\n" for name, result in results.items() if result.method]
     if methods:
-        parts.append("## What stands behind the rows\n\n" + "".join(methods))
+        parts.append(f"## {METHODS_TITLE}\n\n" + "".join(methods))
     return "\n".join(parts)
 
 

@@ -58,7 +58,13 @@ def _add_report(parser: argparse.ArgumentParser) -> None:
 def _add_outputs(parser: argparse._ActionsContainer) -> None:
     """Declare what `bench` and `report` write."""
     add = parser.add_argument
-    add("--metrics", type=names, default=(), metavar="A,B", help="of leaderboard, LaTeX tables and figure")
+    add(
+        "--metrics",
+        type=names,
+        default=(),
+        metavar="A,B",
+        help="of leaderboards, LaTeX tables and figure; the first ranks",
+    )
     add("--clips", type=count_or_zero, default=5, help="of the worst moments (default: %(default)s)")
     add("--plots", action="store_true", help="write the curves of all metrics as SVG files, too")
     add("--json", type=Path, metavar="PATH", help="write means and intervals of each policy and condition here as well")
@@ -92,7 +98,7 @@ def write_files(folder: Path, results: Sequence[CellResult], options: argparse.N
         with_plots=options.plots,
         trust=trust,
     )
-    table = ResultTable.of(results)
+    table = ResultTable.of(results, options.metrics)
     print(leaderboard_text(table, options.metrics))
     if options.json is not None:
         written = (*written, write_whole(options.json, as_json(to_rows(table))))

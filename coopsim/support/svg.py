@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,3 +30,15 @@ def to_svg(draw: Callable[[Figure], object], width_in: float, height_in: float) 
 def line_style(number: int) -> tuple[str, str]:
     """Return matplotlib's style and colour of line `number`; the first 30 lines all look different."""
     return ("-", "--", ":")[number // 10 % 3], f"C{number % 10}"
+
+
+_LEVEL_LETTERS = 14
+"""Most letters of a name that is written level on an axis."""
+
+
+def name_ticks(panel: Any, names: Sequence[str]) -> None:
+    """Put names at 0, 1, 2, ... of a panel's horizontal axis: level, or slanted where they would overlap."""
+    slanted = len(names) > 1 and max(map(len, names)) > _LEVEL_LETTERS
+    look = {"rotation": 20, "ha": "right", "rotation_mode": "anchor"} if slanted else {}
+    panel.set_xticks(range(len(names)), names, **look)
+    panel.set_xlim(-0.5, len(names) - 0.5)

@@ -16,6 +16,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.types import NS_PER_S, Tracks
 from coopsim.types.lies import Lie
 from coopsim.viz import palette
+from coopsim.viz.false_tracks import is_false
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
 
 SPAN_M = 160.0
@@ -26,7 +27,10 @@ SCALE_BAR_M = 20.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BevFrame:
-    """Content of a bird's-eye image in the world frame: truth, points (N, 3) m, tracks by reporting agent, and lies."""
+    """Content of a bird's-eye image in the world frame: truth, points (N, 3) m, tracks by reporting agent, and lies.
+
+    `ego` is the agent that the image is about; None: the first one.
+    """
 
     time_ns: int
     actors: Actors
@@ -34,6 +38,17 @@ class BevFrame:
     points: Floats
     tracks: Mapping[str, Tracks]
     lies: Sequence[Lie] = ()
+    ego: str | None = None
+
+    @property
+    def about(self) -> str | None:
+        """The agent that the image is about: the ego while it is there, or else the first; None without agents."""
+        return self.ego if self.ego in self.agents else next(iter(self.agents), None)
+
+
+def footprints(boxes: Boxes3D) -> Floats:
+    """Return x, y, length, width, m, and yaw, rad, of boxes, (N, 5)."""
+    return np.column_stack([boxes.center[:, :2], boxes.size[:, :2], boxes.yaw])
 
 
 def outlines(boxes: Boxes3D) -> Floats:
@@ -42,18 +57,25 @@ def outlines(boxes: Boxes3D) -> Floats:
 
 
 class BevRenderer:
-    """Renderer of frames over a map: truth grey, connected agents yellow, tracks by the colour of their id.
+    """Renderer of frames over a map, for people: the truth grey, agents yellow, the ego filled, and its tracks green.
 
-    North (y) is up. The view is centred on the agents in steps of 20 m, so that it does not move in every frame. Ids of
-    different agents are unrelated, and most objects are tracked by several agents: the first agent's tracks are bold
-    and on top, so that a change of colour is a change of its id.
+    A track where nothing is, is false: thin, grey and crossed out. North (y) is up. The view is centred on the agents
+    in steps of 20 m, so that it does not move in every frame. The lower left corner is free for words of others.
+
+    Args:
+        road_map: outlines of the place.
+        width_px: width of the image.
+        height_px: height of the image.
+        all_tracks: draw the tracks of all agents; False: of the ego alone, as most objects are tracked by several.
     """
 
-    def __init__(self, road_map: RoadMap, width_px: int = 960, height_px: int = 720) -> None:
+    def __init__(
+        self, road_map: RoadMap, width_px: int = 960, height_px: int = 720, *, all_tracks: bool = False
+    ) -> None:
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
         import pygame
 
-        self._pygame, self._map = pygame, road_map
+        self._pygame, self._map, self._all_tracks = pygame, road_map, all_tracks
         self._size = (width_px, height_px)
         self._surface = pygame.Surface(self._size)
         self._window: Any = None
@@ -105,15 +127,18 @@ class BevRenderer:
         centre = self._centre(frame)
         self._surface.blit(self._map_image(centre), (0, 0))
         self._points(frame.points, centre)
-        riding = [body.actor_id for body in frame.agents.values() if body.actor_id is not None]
-        connected = np.isin(frame.actors.id, riding)
+        riding = {name: body.actor_id for name, body in frame.agents.items() if body.actor_id is not None}
+        connected = np.isin(frame.actors.id, list(riding.values()))
+        mine = frame.actors.id == riding.get(frame.about or "", -1)
         self._polygons(outlines(frame.actors.boxes[~connected]), centre, palette.TRUTH, width=1)
-        self._polygons(outlines(frame.actors.boxes[connected]), centre, palette.AGENT, width=0)
-        first = next(iter(frame.tracks), None)
-        for name, tracks in reversed(list(frame.tracks.items())):
-            for track_id, corners in zip(tracks.id.tolist(), outlines(tracks.boxes), strict=True):
-                width = 2 if name == first else 1
-                self._polygons(corners[None], centre, palette.track_color(track_id), width)
+        self._polygons(outlines(frame.actors.boxes[connected & ~mine]), centre, palette.AGENT, width=1)
+        self._polygons(outlines(frame.actors.boxes[mine]), centre, palette.AGENT, width=0)
+        for name, tracks in frame.tracks.items() if self._all_tracks else ():
+            if name != frame.about:
+                self._tracks(frame, tracks.boxes, centre, palette.OTHER_TRACK, width=1)
+        own = frame.tracks.get(frame.about or "")
+        if own is not None:
+            self._tracks(frame, own.boxes, centre, palette.TRACK, width=2)
         for lie in frame.lies:
             self._polygons(outlines(lie.claimed), centre, palette.LIE, width=2)
         for name, body in frame.agents.items():
@@ -121,21 +146,48 @@ class BevRenderer:
             if body.actor_id is None:
                 self._pygame.draw.circle(self._surface, palette.AGENT, spot, 5)
             self._text(name, spot + np.array([8, -18]), palette.AGENT)
-        self._legend(frame, first)
+        self._legend(frame)
 
-    def _legend(self, frame: BevFrame, first: str | None) -> None:
-        lines = [f"{frame.time_ns / NS_PER_S:.1f} s", "truth grey, agents yellow"]
-        if first is not None:
-            lines.append(f"tracks by id, bold those of {first}")
-        if frame.lies:
-            liars = sorted({lie.agent for lie in frame.lies})
-            lines.append(f"pink: claims of {' and '.join(liars)}")
-        for k, line in enumerate(lines):
-            self._text(line, np.array([10, 8 + 18 * k]), palette.TEXT)
-        left, bottom = 12, self._size[1] - 14
-        right = left + SCALE_BAR_M * self._size[0] / SPAN_M
+    def _tracks(
+        self, frame: BevFrame, boxes: Boxes3D, centre: tuple[float, float], color: palette.RGB, width: int
+    ) -> None:
+        """Draw tracks, those where nothing is as false ones."""
+        false = is_false(footprints(boxes), footprints(frame.actors.boxes))
+        for polygon in self._pixels(outlines(boxes[false]), centre):
+            self._pygame.draw.polygon(self._surface, palette.FALSE_TRACK, polygon, 1)
+            for one, other in ((0, 2), (1, 3)):
+                self._pygame.draw.line(self._surface, palette.FALSE_TRACK, polygon[one], polygon[other])
+        self._polygons(outlines(boxes[~false]), centre, color, width)
+
+    def _legend(self, frame: BevFrame) -> None:
+        """Write the time and the meaning of what is drawn, with a mark before each."""
+        self._text(f"{frame.time_ns / NS_PER_S:.1f} s", np.array([10, 8]), palette.TEXT)
+        for k, (text, color, width, crossed) in enumerate(self._keys(frame)):
+            box = self._pygame.Rect(10, 31 + 18 * k, 16, 10)
+            self._pygame.draw.rect(self._surface, color, box, width)
+            for ends in ((box.topleft, box.bottomright), (box.bottomleft, box.topright)) if crossed else ():
+                self._pygame.draw.line(self._surface, color, *ends)
+            self._text(text, np.array([34, 28 + 18 * k]), palette.TEXT)
+        right, bottom = self._size[0] - 12, self._size[1] - 14
+        left = right - SCALE_BAR_M * self._size[0] / SPAN_M
         self._pygame.draw.line(self._surface, palette.TEXT, (left, bottom), (right, bottom), 3)
         self._text(f"{SCALE_BAR_M:.0f} m", np.array([left, bottom - 20]), palette.TEXT)
+
+    def _keys(self, frame: BevFrame) -> list[tuple[str, palette.RGB, int, bool]]:
+        """Return the legend's words, each with colour and width of its mark (0: filled), and whether it is crossed."""
+        keys = [("object", palette.TRUTH, 1, False)]
+        if frame.about is not None:
+            keys.append((frame.about, palette.AGENT, 0, False))
+        if len(frame.agents) > 1:
+            keys.append(("other agent", palette.AGENT, 1, False))
+        if frame.tracks:
+            of = "" if frame.about is None else f" of {frame.about}"
+            keys += [(f"track{of}", palette.TRACK, 2, False), ("false track", palette.FALSE_TRACK, 1, True)]
+        if self._all_tracks and len(frame.tracks) > 1:
+            keys.append(("track of another agent", palette.OTHER_TRACK, 1, False))
+        if frame.lies:
+            keys.append((f"claim of {' and '.join(sorted({lie.agent for lie in frame.lies}))}", palette.LIE, 2, False))
+        return keys
 
     def _centre(self, frame: BevFrame) -> tuple[float, float]:
         places = np.array([body.world_SE3_base.translation[:2] for body in frame.agents.values()]).reshape(-1, 2)

@@ -12,6 +12,9 @@ TRUTH: RGB = (150, 155, 162)
 AGENT: RGB = (255, 206, 84)
 TEXT: RGB = (214, 218, 224)
 LIE: RGB = (255, 45, 190)
+TRACK: RGB = (120, 214, 170)
+OTHER_TRACK: RGB = (74, 128, 104)
+FALSE_TRACK: RGB = (112, 116, 124)
 
 MAP: dict[str, RGB] = {
     "grass": (24, 34, 30),

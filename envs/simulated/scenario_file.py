@@ -49,7 +49,7 @@ _SECTIONS = {
         field.name
         for kind in (CommonOptions, SimulationOptions, PlaceSeeds, TownOptions)
         for field in fields(kind)
-        if field.name not in ("render_mode", "seed", *WRITING_OPTIONS)
+        if field.name not in ("render_mode", "render_tracks", "seed", *WRITING_OPTIONS)
     ],
 }
 

@@ -172,3 +172,26 @@ def test_a_text_means_the_same_as_a_mapping() -> None:
     mapping = Episode({LIAR: ["ghost(ahead_m=12)"], "rsu_0": "ghost(start_s=0.2)"}, frames=5)
     assert [digest(each) for each in text.reports] == [digest(each) for each in mapping.reports]
     assert {lie.agent for lie in text.lies[-1]} == {LIAR, "rsu_0"}
+
+
+def _meant(attack: str, **options: Any) -> list[tuple[str | None, bytes]]:
+    """Play a situation, in which `cav_0` is driven and other cars are nearer to the liar; return whom lies mean."""
+    policy = coopsim.make_policy("late_fusion")
+    env = coopsim.parallel_env(
+        "queue_end", lidar=None, penetration=1.0, uplink=policy, attacks={"cav_2": attack}, max_cycles=8, **options
+    )
+    observations, _ = env.reset(seed=1000)
+    policy.reset(env.agent_specs, seed=1000)
+    lies = [*env.lies]
+    while env.agents:
+        observations, *_ = env.step(policy.act(observations))
+        lies += env.lies
+    return [(lie.against, lie.claimed.array.tobytes()) for lie in lies]
+
+
+def test_a_lie_means_the_driven_car_unless_it_is_told_otherwise() -> None:
+    aimed = _meant("ghost")
+    assert aimed and {name for name, _ in aimed} == {"cav_0"}
+    assert aimed == _meant("ghost(against=cav_0)")
+    nearest = _meant("ghost", control="traffic", driven_agents=None, ends_on_crash=False)
+    assert nearest and "cav_0" not in {name for name, _ in nearest}, "without a driven car: the nearest"

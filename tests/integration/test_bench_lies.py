@@ -46,7 +46,7 @@ def test_a_grid_has_conditions_by_attack_of_which_honesty_is_the_mildest() -> No
     assert [each.attacks for each in conditions] == ["", GHOST, "rsu_0=remove"]
     assert mildest(conditions) == (Condition(),)
     assert [label(each, conditions) for each in conditions] == [
-        "attacks none",
+        "nobody lies",
         f"attacks {GHOST}",
         "attacks rsu_0=remove",
     ]

@@ -67,6 +67,25 @@ def test_pairs_are_those_in_which_a_lie_costs_most_and_varied() -> None:
     assert all("stamp" not in each.attacked.cell.condition.attacks for each in lie_pairs(ResultTable.of(made), 99))
 
 
+def test_where_cars_are_driven_crashes_come_first_and_an_event_once() -> None:
+    lost = {"cav_1=ghost": (0.0, 2.0), "cav_1=remove": (100.0, 5.0)}
+
+    def driven(attacks: str, late_s: float) -> CellResult:
+        crash, brakes = lost.get(attacks, (0.0, 1.0))
+        values = {"crash": crash, "phantom_brakes": brakes, "bytes_per_s": 9.0, "sAMOTA": 50.0}
+        cell = Cell("late_fusion", Condition("merge", late_s, attacks=attacks), 4, None)
+        return CellResult(cell, values, {"cav_0": values, "cav_1": {"sAMOTA": 3.0}}, np.ones(9))
+
+    table = ResultTable.of([driven(attacks, late_s) for attacks in ("", *lost) for late_s in (0.0, 0.2)])
+    found = [(each.attacked.cell.condition.attacks, each.metric, each.receiver) for each in lie_pairs(table, 9)]
+    assert found == [("cav_1=remove", "crash", "cav_0"), ("cav_1=ghost", "phantom_brakes", "cav_0")]
+
+
+def test_the_film_begins_a_second_before_the_lie_tells(filmed: FilmedLie) -> None:
+    assert filmed.believed_s is not None
+    assert filmed.attacked.frames[filmed.first].time_ns / 1e9 == pytest.approx(filmed.believed_s - 1.0)
+
+
 def test_without_lies_there_is_no_section() -> None:
     table = ResultTable.of([result("late_fusion", "", 0, 50.0)])
     assert lie_pairs(table, 5) == () and lies_section([], [], table) == ""
@@ -75,13 +94,14 @@ def test_without_lies_there_is_no_section() -> None:
 def test_both_sides_are_the_same_world_and_only_one_has_the_lie(filmed: FilmedLie) -> None:
     data = lie_data(filmed)
     honest, attacked = data["sides"]
-    assert len(honest["frames"]) == len(attacked["frames"]) == 25
+    count = len(honest["frames"])
+    assert count == len(attacked["frames"]) == 25 - filmed.first
     for one, two in zip(honest["frames"], attacked["frames"], strict=True):
         assert one == two, "truth, agents and the receiver's points"
     assert not any(len(boxes(each["claimed"])) or each["stated"] for each in honest["lies"])
     lying = [len(boxes(each["claimed"])) for each in attacked["lies"]]
     begin = round((filmed.begins_s - data["start_s"]) / data["dt_s"])
-    assert filmed.begins_s == pytest.approx(1.0) and lying == [0] * begin + [1] * (25 - begin)
+    assert filmed.begins_s == pytest.approx(1.0) and lying == [0] * begin + [1] * (count - begin)
     assert set(attacked["lies"][-1]["stated"]) == {"cav_1"}
 
 

@@ -7,7 +7,7 @@ import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass, field, replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -216,6 +216,7 @@ class Axis:
         endless: text of an infinite value.
         less_harms: True where a smaller value disturbs more.
         along: axes that vary together with this one: each of their values belongs to one value of this.
+        named: the values are names, in no order but that of their texts.
     """
 
     field: str
@@ -225,6 +226,7 @@ class Axis:
     endless: str = "no limit"
     less_harms: bool = False
     along: tuple[Axis, ...] = ()
+    named: ClassVar[bool] = False
 
     @property
     def title(self) -> str:
@@ -233,8 +235,9 @@ class Axis:
 
     @property
     def label(self) -> str:
-        """The title with its unit, for plots."""
-        return f"{self.name} ({self.unit})" + "".join(f", with {axis.name}" for axis in self.along)
+        """The title with its unit, if it has one, for plots."""
+        unit = f" ({self.unit})" if self.unit else ""
+        return self.name + unit + "".join(f", with {axis.name}" for axis in self.along)
 
     def value(self, condition: Condition) -> float:
         """Return the condition's value in the shown unit."""
@@ -244,25 +247,42 @@ class Axis:
 
     def text(self, condition: Condition) -> str:
         """Format the condition's value with its unit, and those of axes that vary along."""
-        values = ((axis, axis.value(condition)) for axis in (self, *self.along))
-        return " and ".join(f"{each:g} {axis.unit}" if math.isfinite(each) else axis.endless for axis, each in values)
+        return " and ".join(axis.own_text(condition) for axis in (self, *self.along))
+
+    def own_text(self, condition: Condition) -> str:
+        """Format the condition's value with its unit, without axes that vary along."""
+        value = self.value(condition)
+        return f"{value:g} {self.unit}" if math.isfinite(value) else self.endless
+
+    def phrase(self, condition: Condition) -> str:
+        """Return the title with the value, as "latency 300 ms"."""
+        return f"{self.title} {self.text(condition)}"
 
     def harm(self, value: float) -> float:
         """Return a number that rises with the harm of a value."""
         return -value if self.less_harms else value
 
 
+NOBODY_LIES = "nobody lies"
+"""The condition in which all agents are honest, in words."""
+
+
 @dataclass(frozen=True, slots=True)
 class AttackAxis(Axis):
     """The attacks of a condition, which are no number: honest is 0, and each attack has a number of its own."""
+
+    named: ClassVar[bool] = True
 
     def value(self, condition: Condition) -> float:
         if not condition.attacks:
             return 0.0
         return 1.0 + zlib.crc32(condition.attacks.encode()) / 2**32
 
-    def text(self, condition: Condition) -> str:
-        return condition.attacks or "none"
+    def own_text(self, condition: Condition) -> str:
+        return condition.attacks or NOBODY_LIES
+
+    def phrase(self, condition: Condition) -> str:
+        return NOBODY_LIES if not condition.attacks and not self.along else f"{self.title} {self.text(condition)}"
 
 
 AXES = (
@@ -298,9 +318,17 @@ def _varying(conditions: tuple[Condition, ...]) -> tuple[Axis, ...]:
     return tuple(axes)
 
 
+def values_of(axis: Axis, conditions: Sequence[Condition]) -> dict[float, str]:
+    """Return the values of an axis with their texts, rising; names by their texts, after that of no harm."""
+    texts = {axis.value(each): axis.text(each) for each in conditions}
+    if not axis.named:
+        return dict(sorted(texts.items()))
+    return dict(sorted(texts.items(), key=lambda each: (each[0] > 0, each[1])))
+
+
 def label(condition: Condition, conditions: Sequence[Condition]) -> str:
     """Name a condition among others by what differs between them, or by its scenario if nothing does."""
-    return _joined(condition, conditions, [f"{axis.title} {axis.text(condition)}" for axis in varying_axes(conditions)])
+    return _joined(condition, conditions, [axis.phrase(condition) for axis in varying_axes(conditions)])
 
 
 def short_label(condition: Condition, conditions: Sequence[Condition]) -> str:

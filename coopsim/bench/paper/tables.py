@@ -14,8 +14,8 @@ from typing import Any
 from coopsim.bench.grid.cell import Axis, Condition, mildest, mildest_along, varying_axes
 from coopsim.bench.report.bench_text import BYTES_TITLE, form_of, format_value, interval_beside
 from coopsim.bench.report.formats import to_csv_text
-from coopsim.bench.results.result_table import ResultTable, named
-from coopsim.bench.results.standings import BestComparison, compare_with_best, known_mean
+from coopsim.bench.results.result_table import ResultTable, known_mean, named
+from coopsim.bench.results.standings import BestComparison, compare_with_best
 from coopsim.bench.results.statistics import LEVEL, seeds_needed, smallest_p_value
 from coopsim.config.spec import parse_spec
 from coopsim.metrics.built_in import BYTES, less_is_better

@@ -11,8 +11,8 @@ import numpy as np
 
 from coopsim.bench.grid.cell import mildest
 from coopsim.bench.paper.tables import short_names
-from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.standings import known_mean
+from coopsim.bench.report.bytes_axis import place_bytes
+from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import Interval
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.built_in import BYTES, less_is_better
@@ -27,6 +27,9 @@ _LABEL_PT, _MARKER_PT = 7.0, 6.0
 _LINE_HEIGHT = 1.25
 _FAR, _ENOUGH = 3.0, 5
 """So many interquartile ranges beside the middle half of the values one is far; fewer values have none that is."""
+
+_NAMES_DECADES = 0.8
+"""Room for names to the right of the last tick."""
 
 _LEAST_SAMPLES = 3
 """The interval of fewer is wider than the figure."""
@@ -89,7 +92,7 @@ def trade_off(table: ResultTable, metric: str, sends: Mapping[str, str]) -> str:
 
     def draw(figure: Figure) -> None:
         panel = figure.subplots()
-        panel.set(xscale="log", xlabel="bytes a second that an agent broadcasts", ylabel=metric)
+        panel.set(xlabel="bytes a second that an agent broadcasts", ylabel=metric)
         panel.set_title(f"{', '.join(table.scenarios)}: mean over {table.samples.text}", fontsize=9)
         panel.grid(alpha=0.25)
         if points:
@@ -102,24 +105,27 @@ def trade_off(table: ResultTable, metric: str, sends: Mapping[str, str]) -> str:
 def _points(table: ResultTable, metric: str, sends: Mapping[str, str]) -> list[_Point]:
     """Return the policies that have values, by rising bytes."""
     calm = [table.conditions.index(each) for each in mildest(table.conditions)] or list(range(len(table.conditions)))
-    values, rates = (known_mean(table.values(name)[:, calm], axis=1) for name in (metric, BYTES))
+    rates = known_mean(table.values(BYTES)[:, calm], axis=1)
     names = short_names(table)
     found = [
-        _Point(names[policy], sends.get(policy, ""), float(rate), table.interval(metric, row))
-        for policy, rate, row in zip(table.policies, known_mean(rates, axis=1), values, strict=True)
+        _Point(names[policy], sends.get(policy, ""), float(rate), table.mean(metric, k, calm))
+        for k, (policy, rate) in enumerate(zip(table.policies, known_mean(rates, axis=1), strict=True))
     ]
     known = [each for each in found if not (math.isnan(each.bytes_per_s) or math.isnan(each.value.mean))]
-    edges = _edges([each.value.mean for each in known])
+    edges = _edges(known)
     return sorted((replace(each, edges=edges) for each in known), key=lambda each: (each.bytes_per_s, each.name))
 
 
-def _edges(values: Sequence[float]) -> tuple[float, float]:
-    """Return below and above which of the values one is far from the others."""
-    if len(values) < _ENOUGH:
+def _edges(points: Sequence[_Point]) -> tuple[float, float]:
+    """Return below and above which value one is far from the others, and beyond their whiskers, which are drawn."""
+    if len(points) < _ENOUGH:
         return -math.inf, math.inf
-    first, third = (float(each) for each in np.percentile(values, [25, 75]))
+    first, third = (float(each) for each in np.percentile([each.value.mean for each in points], [25, 75]))
     reach = _FAR * (third - first) or math.inf
-    return first - reach, third + reach
+    near = [each for each in points if first - reach <= each.value.mean <= third + reach]
+    low = min(each.value.mean - each.whiskers[0] for each in near)
+    high = max(each.value.mean + each.whiskers[1] for each in near)
+    return min(first - reach, low), max(third + reach, high)
 
 
 def pareto_front(rates: Sequence[float], values: Sequence[float], less: bool) -> list[int]:
@@ -133,7 +139,7 @@ def pareto_front(rates: Sequence[float], values: Sequence[float], less: bool) ->
 
 
 def _draw_points(panel: Any, points: Sequence[_Point], less: bool) -> None:
-    places = _places(panel, points)
+    places = place_bytes(panel, [each.bytes_per_s for each in points], _NAMES_DECADES)
     means = [each.value.mean for each in points]
     front = pareto_front([each.bytes_per_s for each in points], means, less)
     steps = {"drawstyle": "steps-post", "color": "0.45", "lw": 1, "zorder": 1}  # more bytes bring nothing in between
@@ -150,22 +156,6 @@ def _draw_points(panel: Any, points: Sequence[_Point], less: bool) -> None:
         shown.add(word)
     panel.plot([], [], "--", color="0.45", lw=1, label="Pareto front")
     panel.legend(fontsize=7, frameon=False, loc="lower right", title="what is sent", title_fontsize=7)
-
-
-def _places(panel: Any, points: Sequence[_Point]) -> list[float]:
-    """Return where each policy stands on the axis of bytes, and set its ends and ticks."""
-    sent = [each.bytes_per_s for each in points if each.bytes_per_s > 0]
-    first, last = (math.floor(math.log10(min(sent))), math.ceil(math.log10(max(sent)))) if sent else (0, 1)
-    silent = 10.0 ** (first - 0.5)
-    panel.set_xlim(10.0 ** (first - 1), 10.0 ** (last + 0.8))
-    decades = [10.0**k for k in range(first, last + 1)]
-    names = [f"$10^{{{k}}}$" for k in range(first, last + 1)]
-    if len(sent) < len(points):
-        panel.axvline(10.0 ** (first - 0.15), color="0.8", lw=0.8)
-        decades, names = [silent, *decades], ["0", *names]
-    panel.set_xticks(decades, names, parse_math=True)
-    panel.set_xticks([], minor=True)
-    return [each.bytes_per_s or silent for each in points]
 
 
 def _label(figure: Figure, panel: Any, points: Sequence[_Point]) -> None:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coopsim.bench.grid.cell import Axis, mildest_along, varying_axes
+from coopsim.bench.grid.cell import Axis, mildest_along, values_of, varying_axes
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.support.svg import line_style, to_svg
+from coopsim.support.svg import line_style, name_ticks, to_svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,7 +40,7 @@ def _plot(table: ResultTable, metric: str, axis: Axis) -> str:
             _panel(panel, table, metric, axis, scenario)
             panel.set(title=scenario, xlabel=axis.label)
         panels[0].set_ylabel(metric)
-        panels[0].legend(fontsize=7, frameon=False)
+        panels[0].legend(fontsize=9, frameon=False)
 
     return to_svg(draw, 1.2 + 3.4 * count, 3.2)
 
@@ -52,6 +52,10 @@ def _panel(panel: Any, table: ResultTable, metric: str, axis: Axis, scenario: st
         for k in mildest_along(axis, table.conditions)
         if table.conditions[k].scenario == scenario
     )
+    if axis.named:
+        names = values_of(axis, [table.conditions[k] for _, k in chosen])
+        chosen = [(float(list(names).index(value)), k) for value, k in chosen]
+        name_ticks(panel, list(names.values()))
     known = [value for value, _ in chosen if math.isfinite(value)]
     # No limit stands to the right of the largest value, on a logarithmic axis.
     endless = len(known) < len(chosen)
@@ -63,7 +67,7 @@ def _panel(panel: Any, table: ResultTable, metric: str, axis: Axis, scenario: st
         style, color = line_style(number)
         # Matplotlib leaves out labels that begin with an underscore.
         name = f" {policy}" if policy.startswith("_") else policy
-        look = {"fmt": f"o{style}", "color": color, "ms": 3, "capsize": 2, "lw": 1.2}
+        look = {"fmt": "o" if axis.named else f"o{style}", "color": color, "ms": 3, "capsize": 2, "lw": 1.2}
         panel.errorbar(places, means, whiskers, label=name, **look)
     if endless:
         panel.set_xscale("log")

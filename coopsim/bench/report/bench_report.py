@@ -9,28 +9,25 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from coopsim.bench.grid.cell import Axis, label, varying_axes
+from coopsim.bench.grid.cell import label, values_of, varying_axes
 from coopsim.bench.report.bench_tables import condition_table, failures, leaderboard
-from coopsim.bench.report.bench_text import interval_kinds
+from coopsim.bench.report.bench_text import COUNTS_TITLE, METHODS_TITLE, interval_kinds
 from coopsim.bench.report.clips import Clip
 from coopsim.bench.report.formats import definitions, fill_page
+from coopsim.bench.report.keys import FALSE_NOTE, SCENE, keys_html
 from coopsim.bench.report.lie_pages import lie_data, lies_section
 from coopsim.bench.report.lie_pairs import FilmedLie
 from coopsim.bench.report.scene import DRAWING, Scene
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.safety.pair_pages import Filmed, pair_data, pairs_section
 from coopsim.bench.safety.pairs import CRASH
-from coopsim.bench.safety.safety_plots import crash_plots
-from coopsim.bench.safety.safety_text import matrix_html
+from coopsim.bench.safety.safety_page import crashes_section
 from coopsim.metrics.built_in import BYTES, all_metrics, less_is_better
 from coopsim.support.files import write_whole
 
-_CRASHES_NOTE = """<p class="note">Episodes in which the driven car crashed, in the mildest condition, with Wilson's
-95 % intervals. <code>safety.md</code> says what messages change, seed by seed, and what they cost.</p>"""
-
-_CLIPS_NOTE = """<p class="note">Windows in which a policy fell farthest behind the best one in the same condition and
-seed, varied in policy, condition and traffic. Left the policy, right the best one at the same time; ground truth is
-outlined in grey, tracks have the colour of their id. The agent is the one whose MOTA differs most.</p>"""
+_CLIPS_NOTE = f"""<p class="note">Windows in which a policy fell farthest behind the best one in the same condition and
+seed, varied in policy, condition and traffic. Left the policy, right the best one at the same time. The agent is the
+one whose MOTA differs most. {FALSE_NOTE}</p>"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,10 +94,10 @@ def render_bench_report(
             f'<div data-metric="{html.escape(name)}"{" hidden" * (name != shown[0])}>{leaderboard(table, name)}</div>'
             for name in shown
         )
-        or '<p class="note">No cell was finished, so there is nothing to rank.</p>',
+        or '<p class="note">No run was finished, so there is nothing to rank.</p>',
         interval=_interval_note(table),
         scene=scene.html() if scene else "",
-        crashes=_crashes(table),
+        crashes=crashes_section(table),
         lies=lies_section(played.lies, played.lie_notes, table, len(played.pairs)),
         clips=pairs_section(played.pairs, played.notes, table)
         if CRASH in table.metrics
@@ -110,8 +107,8 @@ def render_bench_report(
             f"{condition_table(table, k)}</details>"
             for k, condition in enumerate(table.conditions)
         ),
-        methods=f"<h2>What stands behind the rows</h2>{definitions(table.methods)}" if table.methods else "",
-        counted=f"<h2>Counted by policies in all cells</h2>{definitions(table.counted)}" if table.counted else "",
+        methods=f"<h2>{METHODS_TITLE}</h2>{definitions(table.methods)}" if table.methods else "",
+        counted=f"<h2>{COUNTS_TITLE}</h2>{definitions(table.counted)}" if table.counted else "",
         failures=failures(table),
         meaning=definitions({name: each.definition for name, each in all_metrics().items() if name in (*shown, BYTES)}),
         settings=definitions(about.settings),
@@ -131,7 +128,7 @@ def _summary(table: ResultTable) -> str:
     faults = ((len(table.failures), "failed"), (table.missing, "not run"))
     state = "".join(f", {count} {word}" for count, word in faults if count)
     length = f"{table.frames} frames each" if table.frames else "whole episodes"
-    return f"{grid}, {length}: {int(table.finished.sum())} cells finished{state}"
+    return f"{grid}, {length}: {int(table.finished.sum())} runs finished{state}"
 
 
 def _interval_note(table: ResultTable) -> str:
@@ -169,19 +166,14 @@ def _clips(table: ResultTable, clips: Sequence[Clip], notes: Sequence[str]) -> s
             'value="0" aria-label="frame" autocomplete="off"><output></output></div></figure>'
         )
     listed = "".join(f'<p class="note">{html.escape(note)}</p>' for note in notes)
-    return f"<section><h2>Worst moments</h2>{_CLIPS_NOTE}{''.join(parts)}{listed}</section>"
-
-
-def _crashes(table: ResultTable) -> str:
-    if CRASH not in table.metrics:
-        return ""
-    figures = "".join(crash_plots(table).values())
-    return f'<section><h2>Crashes</h2>{matrix_html(table)}{_CRASHES_NOTE}<div class="figures">{figures}</div></section>'
+    legend = keys_html(SCENE) if clips else ""
+    return f"<section><h2>Worst moments</h2>{_CLIPS_NOTE}{legend}{''.join(parts)}{listed}</section>"
 
 
 def _data(table: ResultTable, played: Played) -> dict[str, Any]:
     axes = varying_axes(table.conditions)
-    values = [sorted({axis.value(each) for each in table.conditions}) for axis in axes]
+    texts = [values_of(axis, table.conditions) for axis in axes]
+    values = [list(each) for each in texts]
     scenarios = table.scenarios
     metrics = [*table.shown, *([BYTES] if BYTES in table.metrics else [])]
     return {
@@ -192,11 +184,12 @@ def _data(table: ResultTable, played: Played) -> dict[str, Any]:
             {
                 "title": axis.title,
                 "label": axis.label,
-                "values": [_json(value) for value in each],
-                "texts": [_text(axis, value, table) for value in each],
-                "mildest": each.index(min(each, key=axis.harm)),
+                "values": list(range(len(each))) if axis.named else [_json(value) for value in each],
+                "texts": list(each.values()),
+                "named": axis.named,
+                "mildest": list(each).index(min(each, key=axis.harm)),
             }
-            for axis, each in zip(axes, values, strict=True)
+            for axis, each in zip(axes, texts, strict=True)
         ],
         "conditions": [
             {
@@ -211,10 +204,6 @@ def _data(table: ResultTable, played: Played) -> dict[str, Any]:
         "clips": [clip.data() for clip in played.clips],
         "pairs": [*map(pair_data, played.pairs), *map(lie_data, played.lies)],
     }
-
-
-def _text(axis: Axis, value: float, table: ResultTable) -> str:
-    return next(axis.text(each) for each in table.conditions if axis.value(each) == value)
 
 
 def _intervals(table: ResultTable, metric: str) -> list[list[list[float | None]]]:

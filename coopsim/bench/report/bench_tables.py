@@ -7,7 +7,14 @@ import math
 from collections.abc import Sequence
 
 from coopsim.bench.grid.cell import name_of_cell, short_label
-from coopsim.bench.report.bench_text import BYTES_TITLE, form_of, format_value, interval_beside, title_of
+from coopsim.bench.report.bench_text import (
+    BYTES_TITLE,
+    LEAST_DISTURBED,
+    form_of,
+    format_value,
+    interval_beside,
+    title_of,
+)
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import Standing, standings
 from coopsim.bench.results.statistics import Interval
@@ -27,9 +34,9 @@ def leaderboard(table: ResultTable, metric: str) -> str:
     form = form_of(metric)
     heads = [("rank", ""), ("policy", "about"), (metric, ""), ("", "about")]
     if several:
-        heads += [("undisturbed", "")] * calm + [("worst", "")]
-    heads += [(BYTES_TITLE, "")] * (BYTES in table.metrics) + [("cells", "")]
-    heads += [("worst in", "about")] * several
+        heads += [(LEAST_DISTURBED, "")] * calm + [("worst", "")]
+    heads += [(BYTES_TITLE, "")] * (BYTES in table.metrics) + [("runs", "")]
+    heads += [("worst with", "about")] * several
     rows = []
     for entry in entries:
         cells = [
@@ -75,6 +82,16 @@ def condition_table(table: ResultTable, condition: int) -> str:
     return _table(heads, rows)
 
 
+def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], texts: int = 1) -> str:
+    """Return a table of plain texts, its first `texts` columns left-aligned; empty without rows."""
+    css = ["about"] * texts + [""] * (len(heads) - texts)
+    lines = [
+        f"<tr>{''.join(_cell(html.escape(text), None, name) for text, name in zip(row, css, strict=True))}</tr>"
+        for row in rows
+    ]
+    return _table(list(zip(heads, css, strict=True)), lines) if rows else ""
+
+
 def failures(table: ResultTable) -> str:
     """Return the failed cells with their tracebacks, folded."""
     parts = []
@@ -82,7 +99,7 @@ def failures(table: ResultTable) -> str:
         name = name_of_cell(result.cell, table.conditions)
         summary = f"{html.escape(name)}: <code>{html.escape((result.reason or '')[:200])}</code>"
         parts.append(f"<details><summary>{summary}</summary><pre>{html.escape(result.traceback or '')}</pre></details>")
-    return "".join(parts) or '<p class="note">No cell failed.</p>'
+    return "".join(parts) or '<p class="note">No run failed.</p>'
 
 
 def _best(shown: Sequence[str], metric: str) -> str | None:

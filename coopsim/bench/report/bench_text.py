@@ -21,6 +21,11 @@ from coopsim.metrics.driving import DRIVING_SHOWN
 from coopsim.metrics.metric import PRIMARY_METRIC
 from coopsim.metrics.score import GroupRecall, Score
 
+METHODS_TITLE, COUNTS_TITLE = "Methods of the policies", "Counts over all runs"
+
+LEAST_DISTURBED = "least disturbed"
+"""Heading of values in the conditions that disturb least."""
+
 METRICS_SHOWN = (
     *(PRIMARY_METRIC, "AMOTA", "MOTA", "MOTP", "HOTA", "IDF1", "APBEV@0.5", "IDS", "FP", "FN"),
     *DRIVING_SHOWN,
@@ -44,20 +49,20 @@ def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = ()) -> 
     parts += [table.caution] if table.caution else []
     for k, condition in enumerate(table.conditions):
         parts.append(f"## {escaped(label(condition, table.conditions))}\n\n{_condition(table, k, chosen)}")
-    below = {"What stands behind the rows": table.methods, "Counted by policies in all cells": table.counted}
+    below = {METHODS_TITLE: table.methods, COUNTS_TITLE: table.counted}
     for heading, texts in below.items():
         if texts:
             lines = [escaped(f"{policy}: {text}") for policy, text in texts.items()]
             parts.append(f"## {heading}\n\n" + "\n".join(f"- {line}" for line in lines))
     if table.failures:
-        parts.append("## Failed cells\n\n" + "\n".join(_failures(table)))
+        parts.append("## Failed runs\n\n" + "\n".join(_failures(table)))
     return "\n\n".join(parts) + "\n"
 
 
 def leaderboard_text(table: ResultTable, metrics: Sequence[str] = ()) -> str:
     """Format the leaderboard alone; see `to_markdown`."""
     chosen = tuple(metrics) or _usual(table)
-    return _leaderboard(table, chosen[0]) if chosen else "No cell was finished."
+    return _leaderboard(table, chosen[0]) if chosen else "No run was finished."
 
 
 def to_csv(table: ResultTable) -> str:
@@ -111,12 +116,15 @@ def _finite(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _usual(table: ResultTable) -> tuple[str, ...]:
-    return tuple(name for name in (*METRICS_SHOWN, *custom_metrics()) if name in table.shown) or table.shown
+    fitting = {*METRICS_SHOWN, *custom_metrics()}.intersection(table.shown)
+    first = table.shown[:1] if fitting.intersection(table.shown[:1]) else ()
+    named = (*first, *METRICS_SHOWN, *custom_metrics())
+    return tuple(name for name in dict.fromkeys(named) if name in fitting) or table.shown
 
 
 def _leaderboard(table: ResultTable, metric: str) -> str:
     several = len(table.conditions) > 1
-    disturbed = ["undisturbed", "worst", "in"] if several else []
+    disturbed = [LEAST_DISTURBED, "worst", "with"] if several else []
     heads = ["rank", "policy", metric, *disturbed, BYTES_TITLE, "failed", "not run"]
     form = form_of(metric)
     rows = []
@@ -134,7 +142,7 @@ def _leaderboard(table: ResultTable, metric: str) -> str:
                 str(entry.missing),
             ]
         )
-    align = ["left" if name in ("policy", "in") else "right" for name in heads]
+    align = ["left" if name in ("policy", "with") else "right" for name in heads]
     return tabulate(rows, heads, tablefmt="github", colalign=align, disable_numparse=True)
 
 

@@ -10,36 +10,30 @@ from typing import Any
 import numpy as np
 
 from coopsim.bench.grid.cell import label
-from coopsim.bench.report.lie_pairs import FilmedLie, joined
+from coopsim.bench.report.bench_text import form_of
+from coopsim.bench.report.keys import SCENE, keys_html
+from coopsim.bench.report.lie_pairs import FilmedLie, LiePair, joined
 from coopsim.bench.report.scene import Film, boxes_data, frame_data, home_of, map_data, tracks_data
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.geometry.se3 import Floats
 from coopsim.types import NS_PER_S
 from coopsim.types.lies import Lie
 
-_NOTE = """<p class="note">The same seed while all are honest (left) and while somebody lies (right): the pairs in which
-the lie costs most. Both show the points, the tracks and the arriving messages of one honest receiver, for ten seconds
-from the beginning of the lie. Click a moment to see it.</p>"""
+_NOTE = """<p class="note">The same seed while all are honest (left) and while somebody lies (right): the pairs in
+which the lie costs most. Both show the points, the tracks and the arriving messages of one honest receiver, from a
+second before the lie tells on it, for ten seconds. Click a moment to see it.</p>"""
 
-_KEYS = (
-    ("claimed", "claimed by the liar"),
-    ("denied", "there, and left out or moved by the liar"),
-    ("stated", "the liar, with a line to where its message says it is"),
-    ("told", "message that arrives"),
-    ("truth", "truth"),
-)
-"""Marks in the pictures by class of the page, and what they mean. Tracks have the colours of their numbers."""
+_KEYS = (*SCENE, "told", "claimed", "denied", "stated")
 
 
 def lies_section(filmed: Sequence[FilmedLie], notes: Sequence[str], table: ResultTable, first: int = 0) -> str:
     """Return the section as HTML; empty without pairs and notes. `first` is the number of its first pair's data."""
     if not filmed and not notes:
         return ""
-    keys = "".join(f'<span class="key"><i class="{name}"></i>{text}</span>' for name, text in _KEYS)
     figures = "".join(_figure(k, first + k, each, table) for k, each in enumerate(filmed))
     listed = "".join(f'<p class="note">{html.escape(note)}</p>' for note in notes)
-    legend = f'<div class="keys">{keys}<span class="key">other colours: tracks by number</span></div>'
-    return f"<section><h2>Lies</h2>{_NOTE}{legend if filmed else ''}{figures}{listed}</section>"
+    legend = keys_html(_KEYS) if filmed else ""
+    return f"<section><h2>Lies</h2>{_NOTE}{legend}{figures}{listed}</section>"
 
 
 def _figure(number: int, data: int, filmed: FilmedLie, table: ResultTable) -> str:
@@ -47,8 +41,7 @@ def _figure(number: int, data: int, filmed: FilmedLie, table: ResultTable) -> st
     cell = pair.attacked.cell
     honest = [replace(each, attacks="") for each in table.conditions]
     where = f"{label(replace(cell.condition, attacks=''), honest)}, seed {cell.seed}, {cell.policy}"
-    lost, kept = (each.agents[pair.receiver][pair.metric] for each in (pair.attacked, pair.honest))
-    change = f"{pair.metric} of {pair.receiver} {kept:.1f}, under the lie {lost:.1f}"
+    change = _cost(pair)
     panels = "".join(
         f'<div><p><b>{name}</b> <span class="dim">{html.escape(about)}</span></p>'
         f'<canvas data-side="{side}" role="img" aria-label="{name}, from above"></canvas>'
@@ -62,14 +55,26 @@ def _figure(number: int, data: int, filmed: FilmedLie, table: ResultTable) -> st
     )
 
 
+def _cost(pair: LiePair) -> str:
+    """Describe what the lie costs its receiver."""
+    lost, kept = (each.agents[pair.receiver][pair.metric] for each in (pair.attacked, pair.honest))
+    if pair.metric == "crash":
+        return f"{pair.receiver} crashes only under the lie"
+    form = form_of(pair.metric)
+    return f"{pair.metric.replace('_', ' ')} of {pair.receiver} {kept:{form}}, under the lie {lost:{form}}"
+
+
 def _moments(filmed: FilmedLie) -> str:
     moments = [
         (filmed.begins_s, "the lie begins"),
         (filmed.believed_s, f"{filmed.pair.receiver} tracks what is not there"),
         (filmed.lost_s, f"{filmed.pair.receiver} has no track on what is denied"),
+        (filmed.crash_s, f"{filmed.pair.receiver} crashes"),
     ]
     end_s = filmed.attacked.frames[0].time_ns / NS_PER_S + (filmed.last - 1) * filmed.attacked.dt_s
-    shown = sorted((at_s, text) for at_s, text in moments if at_s is not None and at_s <= end_s + 1e-6)
+    first_s = filmed.attacked.frames[filmed.first].time_ns / NS_PER_S
+    shown = [(at_s, text) for at_s, text in moments if at_s is not None and first_s - 1e-6 <= at_s <= end_s + 1e-6]
+    shown.sort(key=lambda each: each[0])  # stable: of one time, the beginning stands first
     return "".join(
         f'<button class="moment" data-s="{at_s:.3f}">{at_s:.1f} s {html.escape(text)}</button>' for at_s, text in shown
     )

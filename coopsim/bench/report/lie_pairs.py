@@ -23,10 +23,13 @@ from coopsim.types.lies import Lie
 from coopsim.viz.bev import BevFrame
 
 _REPEATED = 0.5
-"""Weight of a pair whose policy, attack, scenario or seed was chosen before, once for each."""
+"""Weight of a pair whose policy, attack or scenario was chosen before, once for each."""
+
+_DRIVEN = ("crash", "phantom_brakes", "hard_brakes", "time_lost")
+"""Metrics of driven cars in which a lie can cost, the gravest first."""
 
 _LEAD_S, _SHOWN_S = 1.0, 10.0
-"""Time shown before the lie begins, and after that."""
+"""Time shown before the lie tells on its receiver, and after that."""
 
 _POINTS_SHOWN = 500
 
@@ -50,7 +53,7 @@ class LiePair:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilmedLie:
-    """The pictures of a pair, from shortly before the lie begins.
+    """The pictures of a pair, from shortly before the lie tells on the receiver.
 
     Attributes:
         pair: the pair.
@@ -61,6 +64,7 @@ class FilmedLie:
         begins_s: time at which the lie begins.
         believed_s: time of the receiver's first track on a claimed object that is not there; None: it has none.
         lost_s: time of the first denied object without a track of the receiver; None: there is none.
+        crash_s: time of the last frame that was filmed, before a crash; None: the run does not end in one.
     """
 
     pair: LiePair
@@ -71,32 +75,49 @@ class FilmedLie:
     begins_s: float
     believed_s: float | None
     lost_s: float | None
+    crash_s: float | None = None
 
 
 def lie_pairs(table: ResultTable, count: int) -> tuple[LiePair, ...]:
-    """Choose at most `count` pairs in which a lie costs most, varied in policy, attack, scenario and seed.
+    """Choose at most `count` pairs in which a lie costs most, varied in policy, attack and scenario.
 
-    The cost is the loss in the first metric that the table shows. Pairs in which it is none are left out, and so are
-    upper bounds.
+    The cost is the loss in the first metric that the table shows; where cars are driven, in crashes, then in brakes and
+    time. Pairs in which it is none are left out, and so are upper bounds. An attack in a scenario with a seed is there
+    once.
     """
-    metric = table.shown[0] if table.shown else None
-    if metric is None or not any(condition.attacks for condition in table.conditions):
+    if not any(condition.attacks for condition in table.conditions):
         return ()
+    driven = [name for name in _DRIVEN if name in table.metrics] if _DRIVEN[0] in table.metrics else []
+    pairs: list[LiePair] = []
+    for metric in driven or table.shown[:1]:
+        pairs += _costly(table, metric, count - len(pairs), {_event(each) for each in pairs})
+    return tuple(pairs)
+
+
+def _event(pair: LiePair) -> tuple[str, str, int]:
+    where = pair.attacked.cell.condition
+    return where.scenario, where.attacks, pair.attacked.cell.seed
+
+
+def _costly(table: ResultTable, metric: str, count: int, known: set[tuple[str, str, int]]) -> list[LiePair]:
+    """Choose at most `count` pairs in which a lie costs most in a metric, of other events than are known."""
     runs = dict(zip(table.places, table.results, strict=True))
     weights = _losses(table, metric)
     attacks = np.array([condition.attacks for condition in table.conditions])
     scenarios = np.array([condition.scenario for condition in table.conditions])
+    for scenario, lie, seed in known:
+        weights[:, (scenarios == scenario) & (attacks == lie), table.seeds.index(seed)] = 0.0
     pairs: list[LiePair] = []
     while len(pairs) < count and weights.max(initial=0.0) > 0:
         policy, condition, seed = (int(k) for k in np.unravel_index(weights.argmax(), weights.shape))
         honest = table.conditions.index(replace(table.conditions[condition], attacks=""))
         pair = _pair(runs[policy, honest, seed], runs[policy, condition, seed], metric)
         pairs += [] if pair is None else [pair]
-        weights[policy, condition, seed] = 0.0
         same = attacks == attacks[condition], scenarios == scenarios[condition]
+        weights[:, same[0] & same[1], seed] = 0.0
         for chosen in (np.s_[policy], np.s_[:, same[0]], np.s_[:, same[1]], np.s_[:, :, seed]):
             weights[chosen] *= _REPEATED
-    return tuple(pairs)
+    return pairs
 
 
 def _losses(table: ResultTable, metric: str) -> Floats:
@@ -158,8 +179,9 @@ def _shoot(result: CellResult, receiver: str, run: RunCell) -> Film | str:
 
 def _cut(pair: LiePair, honest: Film, attacked: Film) -> FilmedLie:
     begin = next(k for k, frame in enumerate(attacked.frames) if frame.lies)
-    first = max(begin - round(_LEAD_S / attacked.dt_s), 0)
-    last = begin + round(_SHOWN_S / attacked.dt_s) + 1
+    tells = _tells(honest, attacked, begin, pair.receiver)
+    first = max(tells - round(_LEAD_S / attacked.dt_s), 0)
+    last = tells + round(_SHOWN_S / attacked.dt_s) + 1
     return FilmedLie(
         pair,
         honest,
@@ -169,7 +191,24 @@ def _cut(pair: LiePair, honest: Film, attacked: Film) -> FilmedLie:
         attacked.frames[begin].time_ns / NS_PER_S,
         _first_s(attacked, lambda frame: _is_tracked(frame, pair.receiver)),
         _first_s(attacked, lambda frame: _is_lost(frame, pair.receiver)),
+        attacked.frames[-1].time_ns / NS_PER_S if pair.attacked.values.get(_DRIVEN[0]) else None,
     )
+
+
+def _tells(honest: Film, attacked: Film, begin: int, receiver: str) -> int:
+    """Return the frame from `begin` on in which the lie tells on the receiver, or `begin` if it never does.
+
+    It does where the receiver tracks what is claimed, or has no track on what is denied although it has one while all
+    are honest.
+    """
+    for k in range(begin, len(attacked.frames)):
+        lied = attacked.frames[k]
+        if _is_tracked(lied, receiver):
+            return k
+        told = replace(honest.frames[k], lies=lied.lies) if k < len(honest.frames) else lied
+        if _is_lost(lied, receiver) and not _is_lost(told, receiver):
+            return k
+    return begin
 
 
 def _first_s(film: Film, holds: Callable[[BevFrame], bool]) -> float | None:

@@ -11,17 +11,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from coopsim.bench.grid.cell import NOBODY_LIES
 from coopsim.bench.report.bench_text import difference_text, form_of, format_value, markdown_table
-from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.standings import known_mean
+from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import bootstrap_difference
 from coopsim.catalog import PolicySpec
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.deception import DECEPTION
 from coopsim.metrics.finding import FINDING
 from coopsim.metrics.metric import PRIMARY_METRIC
-
-_HONEST = "nobody lies"
 
 
 def to_lies_markdown(table: ResultTable, metric: str = PRIMARY_METRIC) -> str:
@@ -31,7 +29,7 @@ def to_lies_markdown(table: ResultTable, metric: str = PRIMARY_METRIC) -> str:
         ("What lies cost", _costs(table, metric), f"Change of {metric} against the same policy when nobody lies."),
         ("What defences win back", _won_back(table, metric), _WON_BACK_NOTE.format(metric)),
         ("Liars found", _means(table, tuple(FINDING), lying=True), "Means over the attacks."),
-        ("Honest senders doubted", _means(table, ("attacker_FPR",), lying=False), f"Means when {_HONEST}."),
+        ("Honest senders doubted", _means(table, ("attacker_FPR",), lying=False), f"Means when {NOBODY_LIES}."),
         ("Lies believed", _lies(table), "Means of each policy and attack."),
     ]
     shown = [f"## {heading}\n\n{note}\n\n{content}" for heading, content, note in parts if content]
@@ -45,7 +43,9 @@ a defence costs when nobody lies."""
 def _attacks(table: ResultTable) -> list[tuple[str, list[int]]]:
     """Return the attacks in words, none first, with the numbers of their conditions."""
     texts = sorted({each.attacks for each in table.conditions})
-    return [(text or _HONEST, [k for k, each in enumerate(table.conditions) if each.attacks == text]) for text in texts]
+    return [
+        (text or NOBODY_LIES, [k for k, each in enumerate(table.conditions) if each.attacks == text]) for text in texts
+    ]
 
 
 def _scores(table: ResultTable, metric: str) -> str:
@@ -62,7 +62,7 @@ def _costs(table: ResultTable, metric: str) -> str:
     rows = []
     for attack, conditions in _attacks(table):
         pairs = [(k, honest.get(replace(table.conditions[k], attacks=""))) for k in conditions]
-        if attack == _HONEST or any(before is None for _, before in pairs):
+        if attack == NOBODY_LIES or any(before is None for _, before in pairs):
             continue
         changed = [values[:, k] - values[:, before] for k, before in pairs if before is not None]
         rows.append([attack, *(_change(table, metric, each) for each in np.mean(changed, axis=0))])

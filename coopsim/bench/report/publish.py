@@ -9,7 +9,7 @@ from typing import Any
 
 from coopsim.bench.engine.job import Job, run_job
 from coopsim.bench.evaluate import OnFrame
-from coopsim.bench.grid.cell import Cell, CellResult
+from coopsim.bench.grid.cell import NOBODY_LIES, Cell, CellResult
 from coopsim.bench.grid.grid import LISTS
 from coopsim.bench.isolated.isolation import FRAME_LIMIT_S, Isolation
 from coopsim.bench.paper.protocol_text import protocol_text
@@ -77,7 +77,7 @@ def publish(
     """
     require_count(0, clips=clips, pairs=pairs)
     require_non_negative(clip_time_s=clip_time_s)
-    table, folder, origin = ResultTable.of(results), Path(folder), provenance or Provenance()
+    table, folder, origin = ResultTable.of(results, metrics), Path(folder), provenance or Provenance()
     about = _about(origin, title)
     contents = {folder / "report.md": to_markdown(table, title, metrics), folder / "results.csv": to_csv(table)}
     contents |= {folder / name: text for name, text in paper_files(table, origin, metrics).items()}
@@ -133,6 +133,8 @@ def _short(value: object) -> str:
         return "the environment's own"
     if value == math.inf:
         return "no limit"
+    if value == "":
+        return NOBODY_LIES  # of all lists only that of attacks has empty texts
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 

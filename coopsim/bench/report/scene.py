@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from coopsim.bench.report.formats import template
+from coopsim.bench.report.keys import FALSE_NOTE, SCENE, keys_html
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.types import NS_PER_S, Ints, Tracks
@@ -36,6 +37,8 @@ _COLORS: Mapping[str, palette.RGB] = palette.MAP | {
     "agent": palette.AGENT,
     "text": palette.TEXT,
     "lie": palette.LIE,
+    "track": palette.TRACK,
+    "false": palette.FALSE_TRACK,
 }
 DRAWING: Mapping[str, Any] = {
     "unit": UNIT_M,
@@ -168,7 +171,9 @@ class Scene:
 
     def html(self) -> str:
         """Return the sections of the page that `scene.js` fills, and the images."""
-        return Template(template("scene.html")).substitute(cameras=self._mosaic())
+        return Template(template("scene.html")).substitute(
+            cameras=self._mosaic(), keys=keys_html(SCENE), false_note=FALSE_NOTE
+        )
 
     def data(self) -> dict[str, Any]:
         """Return plain data for `scene.js`, ready for JSON."""

@@ -29,6 +29,17 @@ REPORTED = (
 """The built-in metrics that reports show, in order; those that users have registered follow."""
 
 
+_FIRST = ("crash",)
+"""Metrics that rank wherever the results have them: a tracker's score is no answer where a car is driven."""
+
+
+_COUNTED = {
+    "passes of the defense": "further passes of the policy for its defence",
+    "receptions judged": "received messages judged by the defence",
+}
+"""Words of counters for readers."""
+
+
 def named(policy: str, *, bound: bool) -> str:
     """Return a policy's name as tables show it: a bound is marked."""
     return f"{policy} (upper bound)" if bound else policy
@@ -46,6 +57,7 @@ class ResultTable:
         frames: length of each run; None: each ended with its episode.
         places: place of each result in the arrays.
         samples: independent samples that the seeds make.
+        asked: metrics that reports begin with; the first one ranks.
     """
 
     policies: tuple[str, ...]
@@ -56,6 +68,7 @@ class ResultTable:
     results: tuple[CellResult, ...]
     places: tuple[tuple[int, int, int], ...]
     samples: Samples
+    asked: tuple[str, ...] = ()
 
     @property
     def arithmetics(self) -> tuple[str, ...]:
@@ -69,8 +82,8 @@ class ResultTable:
         return several and f"Networks multiplied in {several}: differences between cells may come from that."
 
     @classmethod
-    def of(cls, results: Sequence[CellResult]) -> ResultTable:
-        """Sort results into a table.
+    def of(cls, results: Sequence[CellResult], asked: Sequence[str] = ()) -> ResultTable:
+        """Sort results into a table; reports begin with the metrics that are `asked` for.
 
         Raises:
             InvalidValueError: there are no results, runs have several lengths, or a cell is there twice.
@@ -100,6 +113,7 @@ class ResultTable:
             ordered,
             tuple((policies[cell.policy], conditions[cell.condition], seeds[cell.seed]) for cell in cells),
             samples_of(ordered, tuple(seeds)),
+            tuple(asked),
         )
 
     @property
@@ -133,12 +147,30 @@ class ResultTable:
         averages = self.samples.average(values)
         return rate_interval(averages) if is_yes_no(metric) else mean_interval(averages)
 
+    def mean(self, metric: str, policy: int, conditions: Sequence[int]) -> Interval:
+        """Return the mean of a metric of a policy over conditions, with its interval.
+
+        A run in another scenario is another sample of a rate, as it is another episode; runs in one scenario with one
+        seed are alike, whatever disturbs them, and count once. So a rate has the same interval in every table. Other
+        metrics differ from scenario to scenario more than by chance: their samples are seeds, over all conditions.
+        """
+        values = self.values(metric)[policy]
+        if not is_yes_no(metric):
+            return self.interval(metric, known_mean(values[list(conditions)], axis=0))
+        groups = [[k for k in conditions if self.conditions[k].scenario == name] for name in self.scenarios]
+        rows = [self.samples.average(known_mean(values[group], axis=0)) for group in groups if group]
+        return rate_interval(np.concatenate(rows)) if rows else rate_interval(np.zeros(0))
+
     @property
     def shown(self) -> tuple[str, ...]:
-        """The metrics that reports show, without bytes per second; all in the results if these have no usual one."""
-        usual = {*REPORTED, *custom_metrics()} - {BYTES}
-        known = [name for name in self.metrics if name in usual]
-        return tuple(known) or tuple(name for name in self.metrics if name != BYTES)
+        """The metrics that reports show, without bytes per second; all in the results if these have no usual one.
+
+        The first one ranks: the first that was asked for, else crashes where cars were driven.
+        """
+        first = [name for name in self.asked or _FIRST if name in self.metrics]
+        usual = {*REPORTED, *custom_metrics()}
+        known = [name for name in self.metrics if name in usual and name != BYTES] or self.metrics
+        return tuple(name for name in dict.fromkeys([*first, *known]) if name != BYTES)
 
     @property
     def failures(self) -> tuple[CellResult, ...]:
@@ -151,7 +183,10 @@ class ResultTable:
         total: dict[str, Counter[str]] = {policy: Counter() for policy in self.policies}
         for result in self.results:
             total[result.cell.policy].update(result.counts)
-        words = {policy: ", ".join(f"{n} {name}" for name, n in sorted(each.items())) for policy, each in total.items()}
+        words = {
+            policy: ", ".join(f"{n} {_COUNTED.get(name, name)}" for name, n in sorted(each.items()))
+            for policy, each in total.items()
+        }
         return {policy: text for policy, text in words.items() if text}
 
     @property
@@ -184,6 +219,14 @@ class ResultTable:
         for place, number in zip(self.places, numbers, strict=True):
             filled[place] = number
         return filled
+
+
+def known_mean(values: Floats, axis: int) -> Floats:
+    """Average the values that are not NaN; NaN where all are."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of means without values
+        mean: Floats = np.nanmean(values, axis=axis)
+    return mean
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -231,9 +274,7 @@ class Samples:
         """Return the means (..., N) over the seeds of each sample of values (..., S); NaNs are left out."""
         if self.count == len(self.group):
             return values
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # of means without values
-            means = [np.nanmean(values[..., self.group == k], axis=-1) for k in range(self.count)]
+        means = [known_mean(values[..., self.group == k], axis=-1) for k in range(self.count)]
         return np.stack(means, axis=-1)
 
 

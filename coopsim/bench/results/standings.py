@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from coopsim.bench.grid.cell import CellResult, Condition, mildest
-from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import LEVEL, Interval, largest_difference_p_values
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.built_in import BYTES, less_is_better
@@ -68,7 +67,7 @@ def _standing(table: ResultTable, policy: int, metric: str, values: Floats, rate
     return Standing(
         policy=name,
         rank=None,
-        mean=table.interval(metric, known_mean(values, axis=0)),
+        mean=table.mean(metric, policy, range(len(table.conditions))),
         undisturbed=float(known_mean(by_condition[calm], axis=0)),
         worst=math.nan if worst is None else float(by_condition[worst]),
         worst_condition=None if worst is None else table.conditions[worst],
@@ -76,14 +75,6 @@ def _standing(table: ResultTable, policy: int, metric: str, values: Floats, rate
         failed=failed,
         missing=int((~table.finished[policy]).sum()) - failed,
     )
-
-
-def known_mean(values: Floats, axis: int) -> Floats:
-    """Average the values that are not NaN; NaN where all are."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of means without values
-        mean: Floats = np.nanmean(values, axis=axis)
-    return mean
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +112,8 @@ def compare_with_best(table: ResultTable, metric: str, conditions: Sequence[int]
     values, complete = table.values(metric)[:, list(conditions)], table.whole(metric, conditions)
     competes = complete & ~np.isin(table.policies, list(table.bounds))
     by_seed = known_mean(values, axis=1)
-    by_sample, intervals = table.samples.average(by_seed), [table.interval(metric, row) for row in by_seed]
+    by_sample = table.samples.average(by_seed)
+    intervals = [table.mean(metric, k, conditions) for k in range(len(table.policies))]
     if not competes.any():
         return tuple(BestComparison(*each) for each in zip(intervals, complete.tolist(), strict=True))
     sign = -1.0 if less_is_better(metric) else 1.0

@@ -112,7 +112,7 @@ class PairClip:
     def _window(self) -> tuple[float, float]:
         """Return the times of the episode at which the clip begins and ends."""
         both = (self.alone, self.sharing)
-        happens = [each for run in both for each in run.events[:4] if each is not None]
+        happens = [at_s for run in both for at_s, _, _ in run.events.words()]
         nearest = [float(run.drive.time_s[run.events.closest]) for run in both]
         first, last = min([*happens, *nearest]), max([*happens, *nearest])
         start_s = max(first - _LEAD_S, float(self.alone.drive.time_s[0]))
@@ -122,11 +122,23 @@ class PairClip:
         """Yield time, length of the standing picture and caption of what happens."""
         alone, sharing = self.alone.events, self.sharing.events
         if sharing.told_by is not None and sharing.tracked_s is not None:
-            ahead = "" if sharing.seen_s is None else f", {sharing.seen_s - sharing.tracked_s:.1f} s before it sees it"
+            sight = "in sight again" if sharing.again else "in sight"
+            ahead = (
+                "" if sharing.seen_s is None else f", {sharing.seen_s - sharing.tracked_s:.1f} s before it is {sight}"
+            )
             told = f"with messages, the car hears of the {self._met()} from {sharing.told_by}{ahead}."
             yield sharing.tracked_s, _HOLDS_S["told"], f"{sharing.tracked_s:.1f} s: {told}"
         if alone.seen_s is not None:
-            yield alone.seen_s, 0.0, f"{alone.seen_s:.1f} s: alone, the car sees the {self._met()} only now."
+            again = " again" if alone.again else ""
+            tracked_s = alone.tracked_s
+            then = (
+                f"; the car has a track of it at {tracked_s:.1f} s" if tracked_s and tracked_s >= alone.seen_s else ""
+            )
+            yield (
+                alone.seen_s,
+                0.0,
+                f"{alone.seen_s:.1f} s: alone, the {self._met()} is in sight{again} only now{then}.",
+            )
         for run, name in ((self.alone, "alone"), (self.sharing, "with messages")):
             if run.events.crash_s is not None:
                 yield run.events.crash_s, _HOLDS_S["crash"], f"{run.events.crash_s:.1f} s: {_crash(run, name)}"
@@ -134,7 +146,7 @@ class PairClip:
     def _opening(self) -> tuple[str, ...]:
         return (
             "One world, played twice: the same seed gives the same traffic, people and noise.",
-            f"The {self._met()} is out of sight. Left, the car knows what it sees; right, also what others send.",
+            f"In the ring: the {self._met()}. Left, the car knows what it sees; right, also what others send.",
         )
 
     def _ending(self) -> tuple[str, ...]:
@@ -153,10 +165,47 @@ def _crash(run: Recording, name: str) -> str:
 def outcome(run: Recording) -> str:
     """Describe the end of a run, and the way there, in a sentence."""
     events = run.events
-    known = "never knew of it" if events.tracked_s is None else f"knew of it at {events.tracked_s:.1f} s"
-    braked = "did not brake hard" if events.braked_s is None else f"braked hard at {events.braked_s:.1f} s"
-    end = "no crash." if events.crash_s is None else f"crash at {3.6 * run.events.impact_m_s:.0f} km/h."
-    return f"{known}, {braked}, {end}"
+    past = {"told": f"heard of it from {events.told_by}", "track": "had a track of it", "brake": "braked hard"}
+    happened = [f"{past[kind]} at {at_s:.1f} s" for at_s, kind, _ in events.words() if kind in past]
+    missing = ["never had a track of it"] * (events.tracked_s is None)
+    missing += ["did not brake hard"] * (events.braked_s is None)
+    end = "no crash." if events.crash_s is None else f"crash at {3.6 * events.impact_m_s:.0f} km/h."
+    return ", ".join([*happened, *missing, end])
+
+
+def _knowledge(run: Recording, time_s: float) -> tuple[str, palette.RGB]:
+    """Return what the car knows at a time of what it must not touch, in words, with their colour."""
+    now, events = run.at(time_s), run.events
+    if any(known for _, known in now.conflicts):
+        by_message = events.told_by is not None and events.tracked_s is not None and time_s >= events.tracked_s
+        by_message = by_message and (events.seen_s is None or time_s < events.seen_s)
+        return (f"heard of it from {events.told_by}", TOLD) if by_message else ("has a track", KNOWN)
+    return ("in sight, no track", HIDDEN) if now.in_view else ("hidden", HIDDEN)
+
+
+_KEYS = (
+    ("must not touch, no track", HIDDEN, "ring"),
+    ("has a track", KNOWN, "ring"),
+    ("track", TRACK, "box"),
+    ("false track", palette.FALSE_TRACK, "cross"),
+    ("message", TOLD, "line"),
+    ("brake", BRAKE, "line"),
+)
+"""Words of the legend with colour and shape."""
+
+_MOMENT_COLORS = {"sight": HIDDEN, "told": TOLD, "track": KNOWN, "brake": BRAKE, "crash": CRASH}
+
+
+def _draw_key(draw: ImageDraw.ImageDraw, x: float, color: palette.RGB, shape: str) -> None:
+    if shape == "ring":
+        draw.ellipse((x, 22, x + 14, 36), outline=color, width=2)
+    elif shape == "line":
+        draw.line((x, 29, x + 15, 29), color, 3)
+    else:
+        draw.rectangle((x, 24, x + 15, 34), outline=color, width=2 if shape == "box" else 1)
+    if shape == "cross":
+        draw.line((x, 24, x + 15, 34), color, 1)
+        draw.line((x, 34, x + 15, 24), color, 1)
 
 
 class _Painter:
@@ -189,13 +238,11 @@ class _Painter:
         cell = self._clip.sharing.cell
         title = self._clip.title or f"{cell.condition.scenario.replace('_', ' ')}, seed {cell.seed}"
         on_halo(draw, (_MARGIN, 12), title, palette.TEXT, 28)
-        keys = (("not known", HIDDEN), ("known", KNOWN), ("track", TRACK), ("message", TOLD), ("brake", BRAKE))
-        x = SIZE_PX[0] - _MARGIN - 96 - sum(30 + width_of(text, 16) for text, _ in keys)
-        for text, color in keys:
-            hollow = color in (HIDDEN, TRACK)
-            draw.rectangle((x, 22, x + 14, 36), None if hollow else color, color, 2)
-            draw.text((x + 20, 19), text, _DIM, font_of(16))
-            x += 30 + width_of(text, 16)
+        x = SIZE_PX[0] - _MARGIN - 96 - sum(34 + width_of(text, 16) for text, _, _ in _KEYS)
+        for text, color, shape in _KEYS:
+            _draw_key(draw, x, color, shape)
+            draw.text((x + 22, 19), text, _DIM, font_of(16))
+            x += 34 + width_of(text, 16)
         clock = f"{time_s:4.1f} s"
         draw.text((SIZE_PX[0] - _MARGIN - width_of(clock, 28), 12), clock, palette.TEXT, font_of(28))
 
@@ -213,11 +260,8 @@ class _Painter:
             text, color = f"CRASH  {3.6 * run.events.impact_m_s:.0f} km/h", CRASH
         elif events.braked_s is not None and time_s >= events.braked_s and run.at(time_s).acceleration_m_s2 < -1:
             text, color = "braking", BRAKE
-        elif events.tracked_s is not None and time_s >= events.tracked_s:
-            by_message = events.told_by is not None and (events.seen_s is None or time_s < events.seen_s)
-            text, color = (f"told by {events.told_by}", TOLD) if by_message else ("sees it", KNOWN)
         else:
-            text, color = "does not know", HIDDEN
+            text, color = _knowledge(run, time_s)
         on_halo(draw, (left + _PANEL[0] - 14 - width_of(text, 24), _PANEL_TOP + 10), text, color, 24)
 
     def _strip(self, draw: ImageDraw.ImageDraw, run: Recording, left: int, time_s: float) -> None:
@@ -235,15 +279,12 @@ class _Painter:
         if len(line) > 1:
             draw.polygon([(line[0][0], bottom), *line, (line[-1][0], bottom)], (58, 54, 40))
             draw.line(line, palette.AGENT, 2)
-        events, free = run.events, left - 1.0
-        told = events.tracked_s if events.told_by is not None else None
-        marks = [(told, "message", TOLD), (events.seen_s, "in sight", HIDDEN), (events.braked_s, "brakes", BRAKE)]
-        for at_s, text, color in sorted(
-            ((s, text, color) for s, text, color in [*marks, (events.crash_s, "crash", CRASH)] if s is not None)
-        ):
+        free = left - 1.0
+        for at_s, kind, text in run.events.words():
             if not self._start_s <= at_s <= time_s + 1e-9:
                 continue
-            x = across(at_s)
+            x, color = across(at_s), _MOMENT_COLORS[kind]
+            text = kind if kind == "crash" else text  # its speed stands in the panel
             draw.line((x, top, x, bottom), color, 2)
             place = max(x + 5, free + 8)
             draw.text((place, top + 2), text, color, font_of(14))

@@ -9,20 +9,21 @@ from typing import Any
 import numpy as np
 
 from coopsim.bench.grid.cell import label
+from coopsim.bench.report.keys import FALSE_NOTE, SCENE, keys_html
 from coopsim.bench.report.scene import boxes_data, frame_data, home_of, map_data, tracks_data
 from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.safety.moments import tracked
 from coopsim.bench.safety.pair_clip import outcome
-from coopsim.bench.safety.recording import Recording, tracked
+from coopsim.bench.safety.recording import Recording
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 
 _LEAD_S, _AFTER_S = 5.0, 1.5
 """Time shown before the crash, and after it where the other run goes on."""
 
-_NOTE = """<p class="note">The same seed without messages (left) and with them (right), of which one ended in a crash.
-The world is the same until the cars drive differently. Yellow: agents; grey outlines: the truth; coloured: what the car
-reported. The object that the car must not touch has a ring: white while the car does not know of it, orange once it
-reports a track there. Blue lines: messages that arrive. Click a moment to see it.
+_NOTE = f"""<p class="note">The same seed without messages (left) and with them (right), of which one ended in a crash.
+The world is the same until the cars drive differently. Each situation is there once for a seed. Click a moment to see
+it. {FALSE_NOTE}
 <code>coopsim clip FOLDER --pair N</code> makes a film of a pair.</p>"""
 
 Filmed = Sequence[tuple[Recording, Recording]]
@@ -34,7 +35,8 @@ def pairs_section(filmed: Filmed, notes: Sequence[str], table: ResultTable) -> s
         return ""
     figures = "".join(_figure(k, runs, table) for k, runs in enumerate(filmed))
     listed = "".join(f'<p class="note">{html.escape(note)}</p>' for note in notes)
-    return f"<section><h2>Telling pairs</h2>{_NOTE}{figures}{listed}</section>"
+    legend = keys_html((*SCENE, "hidden", "known", "told")) if filmed else ""
+    return f"<section><h2>Telling pairs</h2>{_NOTE}{legend}{figures}{listed}</section>"
 
 
 def _figure(number: int, runs: tuple[Recording, Recording], table: ResultTable) -> str:
@@ -52,15 +54,9 @@ def _figure(number: int, runs: tuple[Recording, Recording], table: ResultTable) 
 
 def _panel(side: int, run: Recording, first_s: float) -> str:
     name = html.escape(run.cell.policy)
-    events = run.events
-    told = None if events.told_by is None else events.tracked_s
-    moments = [(told, f"message of {events.told_by}"), (events.seen_s, "in sight"), (events.braked_s, "brakes hard")]
-    if events.crash_s is not None:
-        moments.append((events.crash_s, f"crash at {3.6 * run.events.impact_m_s:.0f} km/h"))
-    shown = sorted((at_s, text) for at_s, text in moments if at_s is not None)
     buttons = "".join(
         f'<button class="moment" data-s="{max(at_s, first_s):.3f}">{at_s:.1f} s {html.escape(text)}</button>'
-        for at_s, text in shown
+        for at_s, _, text in run.events.words()
     )
     return (
         f'<div><p><b>{name}</b> <span class="dim">{html.escape(outcome(run))}</span></p>'

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import rankdata
 
-from coopsim.bench.grid.cell import Axis, mildest, mildest_along
+from coopsim.bench.grid.cell import Axis, mildest, mildest_along, values_of
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import CONFIDENCE, Interval, bootstrap_difference, rate_difference
 from coopsim.bench.safety.pairs import CRASH, policy_alone
@@ -23,16 +23,16 @@ _RESAMPLES = 2000
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Difference that a policy makes to a metric, against the policy that sends nothing, over paired runs.
+    """Difference that messages, or a lie in them, make to a metric, over paired runs.
 
     Attributes:
         policy: the policy with messages.
         pairs: number of pairs of runs.
-        alone: mean of the policy without messages.
-        sharing: mean of the policy.
-        change: mean difference, sharing minus alone, with its interval: Newcombe's of yes or no, else a bootstrap's.
-        less: pairs in which the value is less with messages: avoided crashes.
-        more: pairs in which it is more: crashes that come with messages.
+        alone: mean before the change: of the policy without messages, or while all are honest.
+        sharing: mean after it.
+        change: mean difference, after minus before, with its interval: Newcombe's of yes or no, else a bootstrap's.
+        less: pairs in which the value is less after the change: avoided crashes.
+        more: pairs in which it is more: caused crashes.
         p_value: p-value of no difference: McNemar's exact one of yes or no, else the bootstrap's; not corrected.
     """
 
@@ -60,7 +60,12 @@ def change(table: ResultTable, policy: int, conditions: Sequence[int], metric: s
     for k in conditions:
         for mild in calm(table, table.conditions[k].scenario):
             alone[k] = np.where(np.isnan(alone[k]), values[base, mild], alone[k])
-    before, after = _by_world(table, alone, conditions), _by_world(table, values[policy], conditions)
+    before, after = by_world(table, alone, conditions), by_world(table, values[policy], conditions)
+    return compare_runs(table.policies[policy], before, after, metric)
+
+
+def compare_runs(policy: str, before: Floats, after: Floats, metric: str) -> Change | None:
+    """Compare paired values (N,) of a metric, of `policy` after a change; None without a pair of known values."""
     both = ~np.isnan(before) & ~np.isnan(after)
     if not both.any():
         return None
@@ -69,7 +74,7 @@ def change(table: ResultTable, policy: int, conditions: Sequence[int], metric: s
     rates = rate_difference(before, after) if is_yes_no(metric) else None  # None, too, for means over conditions
     interval, p_value = rates or bootstrap_difference(difference)
     return Change(
-        table.policies[policy],
+        policy,
         len(difference),
         float(before.mean()),
         float(after.mean()),
@@ -80,7 +85,7 @@ def change(table: ResultTable, policy: int, conditions: Sequence[int], metric: s
     )
 
 
-def _by_world(table: ResultTable, values: Floats, conditions: Sequence[int]) -> Floats:
+def by_world(table: ResultTable, values: Floats, conditions: Sequence[int]) -> Floats:
     """Return the means (situations * S) of values (C, S) over the conditions of each situation."""
     scenarios = [table.conditions[k].scenario for k in conditions]
     rows = []
@@ -99,22 +104,23 @@ def calm(table: ResultTable, scenario: str | None = None) -> list[int]:
 def along(table: ResultTable, axis: Axis) -> list[tuple[str, list[int]]]:
     """Return the values of an axis in words, the mildest first, with the conditions of each; all else is mildest."""
     chosen = mildest_along(axis, table.conditions)
-    values = sorted({axis.value(table.conditions[k]) for k in chosen}, key=axis.harm)
-    found = []
-    for value in values:
-        here = [k for k in chosen if axis.value(table.conditions[k]) == value]
-        found.append((axis.text(table.conditions[here[0]]), here))
-    return found
+    texts = values_of(axis, [table.conditions[k] for k in chosen])
+    by_harm = list(texts) if axis.named else sorted(texts, key=axis.harm)
+    return [(texts[value], [k for k in chosen if axis.value(table.conditions[k]) == value]) for value in by_harm]
 
 
-def gone_at(table: ResultTable, policy: int, axis: Axis) -> str | None:
-    """Return the value of an axis from which on fewer crashes are not shown, in words; None: they always are."""
-    gone: str | None = None
-    for text, conditions in along(table, axis):
-        found = change(table, policy, conditions)
-        shown = found is not None and found.change.high < 0
-        gone = None if shown else gone or text
-    return gone
+def gone_at(axis: Axis, steps: Sequence[tuple[str, Change]]) -> str:
+    """Say at which value of an axis fewer crashes are not shown any more, given the changes along it, mildest first.
+
+    On an axis of names it is each of them; where the mildest value shows no gain, there is none to lose.
+    """
+    lost = [text for text, found in steps if not found.change.high < 0]
+    last_shown = max((k for k, (text, _) in enumerate(steps) if text not in lost), default=-1)
+    if steps[0][0] in lost and (axis.named or last_shown < 0):
+        return f"{steps[0][0]}: no gain shown"
+    if axis.named:
+        return ", ".join(lost) or "none of these"
+    return steps[last_shown + 1][0] if last_shown + 1 < len(steps) else "not in these"
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +151,7 @@ def rank_correlation(table: ResultTable, metric: str, conditions: Sequence[int])
         return None
     chosen = [k for k, name in enumerate(table.policies) if name not in table.bounds]
     metric_values, crashes = (
-        np.stack([_by_world(table, table.values(name)[k], conditions) for k in chosen]) for name in (metric, CRASH)
+        np.stack([by_world(table, table.values(name)[k], conditions) for k in chosen]) for name in (metric, CRASH)
     )
     whole = ~np.isnan(metric_values).any(axis=0) & ~np.isnan(crashes).any(axis=0)
     if len(chosen) < 4 or not whole.any():

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from coopsim.bench.benchmark import check
-from coopsim.bench.grid.cell import Cell, CellResult
+from coopsim.bench.grid.cell import Cell, CellResult, mildest
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.report.clips import RunCell, pairs_in_time
-from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.standings import known_mean
+from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.safety.recording import Recording, record
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
@@ -22,7 +21,7 @@ from coopsim.metrics.built_in import BYTES
 CRASH, IMPACT = "crash", "impact_speed"
 
 _REPEATED = 0.5
-"""Weight of a pair whose situation, policy, condition, seed or outcome was chosen before, once for each."""
+"""Weight of a pair that is disturbed, or whose situation, policy or outcome was chosen before, once for each."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +55,10 @@ def policy_alone(table: ResultTable) -> int | None:
 
 
 def telling_pairs(table: ResultTable, count: int) -> tuple[Pair, ...]:
-    """Choose at most `count` pairs of which one run crashed, the fastest crash first, varied in all that differs."""
+    """Choose at most `count` pairs of which one run crashed, the fastest crash first, varied in all that differs.
+
+    A situation with a seed is one event, and is there once, where nothing disturbs if it happens there.
+    """
     alone = policy_alone(table)
     if alone is None or CRASH not in table.metrics:
         return ()
@@ -65,6 +67,8 @@ def telling_pairs(table: ResultTable, count: int) -> tuple[Pair, ...]:
     avoided, caused = crashed[alone] > crashed, crashed[alone] < crashed
     weights: Floats = np.where(avoided, 1.0 + impact[alone], 0.0) + np.where(caused, 1.0 + impact, 0.0)
     weights[[k for k, name in enumerate(table.policies) if name in table.bounds]] = 0.0
+    calm = mildest(table.conditions)
+    weights[:, [each not in calm for each in table.conditions]] *= _REPEATED
     runs = dict(zip(table.places, table.results, strict=True))
     scenarios = np.array([condition.scenario for condition in table.conditions])
     pairs: list[Pair] = []
@@ -73,9 +77,8 @@ def telling_pairs(table: ResultTable, count: int) -> tuple[Pair, ...]:
         pairs.append(Pair(runs[alone, condition, seed], runs[policy, condition, seed]))
         alike = avoided if avoided[policy, condition, seed] else caused
         same_place = scenarios == scenarios[condition]
-        weights[:, same_place, seed] *= _REPEATED  # nearly the same run
-        weights[policy, condition, seed] = 0.0
-        for chosen in (np.s_[policy], np.s_[:, condition], np.s_[:, same_place], alike):
+        weights[:, same_place, seed] = 0.0
+        for chosen in (np.s_[policy], np.s_[:, same_place], alike):
             weights[chosen] *= _REPEATED
     return tuple(pairs)
 

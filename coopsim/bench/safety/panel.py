@@ -22,7 +22,7 @@ FINE = 2
 BODY, HIDDEN, KNOWN = (92, 98, 107), (226, 230, 236), (255, 122, 66)
 """Colours of bodies, and of what the car must not touch: while it does not know of it, and once it does."""
 
-TOLD, TRACK, BRAKE, CRASH = (92, 200, 255), (120, 214, 170), (255, 64, 64), (255, 84, 84)
+TOLD, TRACK, BRAKE, CRASH = (92, 200, 255), palette.TRACK, (255, 64, 64), (255, 84, 84)
 """Colours of messages, of reported tracks, of brake lights and of a crash."""
 
 _LEAST_PX = 4.5
@@ -89,6 +89,8 @@ class Panel:
         for body, known in now.conflicts:
             self._body(draw, body, KNOWN if known else None, None if known else HIDDEN)
             self._ring(draw, body[:2], KNOWN if known else HIDDEN, (13,))
+        for body in now.false_tracks:
+            self._false(draw, body)
         for body in now.tracks:
             self._body(draw, body, None, TRACK, grow_m=0.35)
         for place in now.agents.values():
@@ -138,6 +140,13 @@ class Panel:
         size = [max(length, least) + 2 * grow_m, max(width, least) + 2 * grow_m, 1.0]
         corners = outlines(Boxes3D.from_array([[x, y, 0.5, *size, yaw]]))[0]
         draw.polygon(self._pixels(corners), fill, edge, width=round(1.5 * FINE) if edge else 0)
+
+    def _false(self, draw: ImageDraw.ImageDraw, body: Floats) -> None:
+        """Cross out a track where nothing is, thinly."""
+        corners = self._pixels(outlines(Boxes3D.from_array([[*body[:2], 0.5, *body[2:4], 1.0, body[4]]]))[0])
+        draw.polygon(corners, None, palette.FALSE_TRACK, width=FINE)
+        for one, other in ((0, 2), (1, 3)):
+            draw.line((corners[one], corners[other]), palette.FALSE_TRACK, FINE)
 
     def _car(self, draw: ImageDraw.ImageDraw, car: Floats, acceleration_m_s2: float) -> None:
         self._body(draw, car, palette.AGENT)

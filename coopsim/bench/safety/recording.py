@@ -7,51 +7,24 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from coopsim.bench.grid.cell import Cell, CellResult
 from coopsim.bench.report.clips import RunCell, changed_since
 from coopsim.bench.report.scene import Film
+from coopsim.bench.safety.moments import BY_ITSELF, Events, find_moments, in_view, tracked
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats, wrap_angle
-from coopsim.metrics.drive_events import find_events, has_track
+from coopsim.metrics.drive_events import find_events
 from coopsim.metrics.drive_log import Drive
-from coopsim.metrics.score import SEEN_BY
 from coopsim.metrics.track_log import TrackLog
-from coopsim.types import Mask
 from coopsim.viz.bev import BevFrame
+from coopsim.viz.false_tracks import is_false
 from coopsim.world.snapshot import RoadMap
 
 if TYPE_CHECKING:
     from coopsim.envs.parallel import CooperativeEnv
 
 _POINTS_SHOWN = 700
-_GAP_FRAMES = 3
-"""Frames out of sight that end a stretch of sight: a corner or a mirror flickers for less."""
-
-_BY_ITSELF = SEEN_BY.index("me")
-
-
-class Events(NamedTuple):
-    """Moments of a drive, s since the episode's start; None: it did not happen.
-
-    Attributes:
-        seen_s: moment from which the car's own sensors saw what it must not touch; earlier glimpses are left out.
-        tracked_s: moment of its first reported track there.
-        braked_s: moment of its first hard brake after that, or of all if it reported none.
-        crash_s: moment of its crash.
-        impact_m_s: speed relative to what it crashed into; 0 without a crash.
-        closest: number of the frame in which the two were nearest.
-        told_by: agent that saw it first, if the car had a track before it saw anything itself; else None.
-    """
-
-    seen_s: float | None
-    tracked_s: float | None
-    braked_s: float | None
-    crash_s: float | None
-    impact_m_s: float
-    closest: int
-    told_by: str | None
 
 
 class Scenery(NamedTuple):
@@ -62,7 +35,9 @@ class Scenery(NamedTuple):
         acceleration_m_s2: along its heading.
         bodies: (N, 5) of all others but those in conflict.
         conflicts: bodies (5,) of what the car must not touch, each with whether it has a track.
-        tracks: (M, 5) reported.
+        in_view: whether the car's own sensors see one of these.
+        tracks: (M, 5) reported where something is.
+        false_tracks: (K, 5) reported where nothing is.
         agents: places (2,) of all other agents.
         way: (K, 2) ahead of the car.
     """
@@ -71,7 +46,9 @@ class Scenery(NamedTuple):
     acceleration_m_s2: float
     bodies: Floats
     conflicts: list[tuple[Floats, bool]]
+    in_view: bool
     tracks: Floats
+    false_tracks: Floats
     agents: dict[str, Floats]
     way: Floats
 
@@ -110,13 +87,16 @@ class Recording:
         after, reported = min(frame + 1, len(drive) - 1), min(frame, len(drive) - 2)
         bodies = _between(drive.boxes[frame], drive.boxes[after], share)
         there = np.isfinite(bodies).all(axis=1)
-        known = tracked(drive)[reported]
+        known, boxes = tracked(drive)[reported], drive.tracks[reported].boxes
+        false = is_false(boxes, np.vstack([drive.boxes[reported], drive.car[reported]]))
         return Scenery(
             _between(drive.car[frame], drive.car[after], share),
             float(drive.acceleration_m_s2[after]),
             bodies[there & ~drive.in_conflict],
             [(bodies[k], bool(known[k])) for k in np.flatnonzero(there & drive.in_conflict)],
-            drive.tracks[reported].boxes,
+            bool(in_view(drive)[frame]),
+            boxes[~false],
+            boxes[false],
             self.others(reported),
             drive.ways[frame].points,
         )
@@ -159,14 +139,6 @@ def _between(before: Floats, after: Floats, share: float) -> Floats:
     return found
 
 
-def tracked(drive: Drive) -> Mask:
-    """Return the mask (F, A) of the objects in conflict that have a reported track."""
-    found = np.zeros(drive.boxes.shape[:2], dtype=np.bool_)
-    for column in np.flatnonzero(drive.in_conflict).tolist():
-        found[:, column] = [has_track(drive, frame, column) for frame in range(len(drive))]
-    return found
-
-
 class Recorder:
     """Records a run, frame by frame: `add` is an `OnFrame`."""
 
@@ -196,7 +168,7 @@ class Recorder:
         drive, film = _with_conflict(self._drive), self._film
         first_seen = {agent: _first_seen(log, drive) for agent, log in self._logs.items() if agent != self._agent}
         watchers = {agent: frame for agent, frame in first_seen.items() if frame is not None}
-        events = _events(drive, watchers, film.arrived)
+        events = find_moments(drive, watchers, film.arrived)
         return Recording(cell, drive, film.road_map, film.frames, self._agent, film.arrived, events)
 
 
@@ -209,53 +181,9 @@ def _with_conflict(drive: Drive) -> Drive:
 def _first_seen(log: TrackLog, drive: Drive) -> int | None:
     """Return the first frame in which an agent's own sensors saw what the car must not touch; None: it never did."""
     flat = log.flat()
-    seen = np.isin(flat.truth_id, drive.ids[drive.in_conflict]) & (flat.truth_seen_by == _BY_ITSELF)
+    seen = np.isin(flat.truth_id, drive.ids[drive.in_conflict]) & (flat.truth_seen_by == BY_ITSELF)
     rows = np.flatnonzero(seen)
     return int(np.searchsorted(flat.truth_start, rows[0], side="right") - 1) if len(rows) else None
-
-
-def _events(drive: Drive, watchers: Mapping[str, int], arrived: Sequence[frozenset[str]]) -> Events:
-    """Find the moments of a drive.
-
-    Args:
-        drive: the drive.
-        watchers: the other agents that saw the conflict, with their first frame.
-        arrived: senders of messages that reached the car, by frame.
-    """
-    events = find_events(drive)
-    apart = np.hypot(*np.moveaxis(drive.boxes[:, drive.in_conflict, :2] - drive.car[:, None, :2], -1, 0))
-    closest = int(np.nanmin(apart, axis=1).argmin()) if np.isfinite(apart).any(axis=1).all() else len(drive) - 1
-    itself = np.any((drive.seen_by == _BY_ITSELF)[:, drive.in_conflict], axis=1)
-    seen, known = _last_stretch(itself, closest), _first(np.any(tracked(drive)[:, drive.in_conflict], axis=1))
-    since_s = 0.0 if known is None else float(drive.time_s[known])
-    braked_s = next((at_s for at_s in events.hard_s if at_s >= since_s), None)
-    early = dict[str, int]()
-    if known is not None and (seen is None or known < seen):
-        heard = frozenset[str]().union(*arrived[: known + 1])
-        early = {name: frame for name, frame in watchers.items() if frame <= known and name in heard}
-    return Events(
-        None if seen is None else float(drive.time_s[seen]),
-        None if known is None else since_s,
-        braked_s,
-        None if events.crash is None else events.crash.time_s,
-        0.0 if events.crash is None else events.crash.speed_m_s,
-        closest,
-        min(early, key=lambda name: (early[name], name)) if early else None,
-    )
-
-
-def _last_stretch(mask: Mask, until: int) -> int | None:
-    """Return the first frame of the last stretch of sight that begins before a frame; short gaps do not end it."""
-    frames = np.flatnonzero(mask[: until + 1])
-    if not len(frames):
-        return None
-    gaps = np.flatnonzero(np.diff(frames) > _GAP_FRAMES)
-    return int(frames[gaps[-1] + 1] if len(gaps) else frames[0])
-
-
-def _first(mask: ArrayLike) -> int | None:
-    frames = np.flatnonzero(mask)
-    return int(frames[0]) if len(frames) else None
 
 
 def record(result: CellResult, run: RunCell) -> Recording | str:

@@ -8,18 +8,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from coopsim.bench.grid.cell import Axis, varying_axes
-from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.standings import known_mean
+from coopsim.bench.report.bytes_axis import place_bytes
+from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import Interval
 from coopsim.bench.safety.paired import along, calm
 from coopsim.bench.safety.safety_text import crash_rate
 from coopsim.metrics.built_in import BYTES
-from coopsim.support.svg import line_style, to_svg
+from coopsim.support.svg import line_style, name_ticks, to_svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_SIZE_IN = (6.4, 3.6)
+_WIDTH_IN, _HEIGHT_IN, _ROW_IN, _COLUMNS = 5.6, 3.2, 0.2, 2
+"""Size of a figure, height of a row of its legend, and columns of that."""
 
 
 def crash_plots(table: ResultTable) -> dict[str, str]:
@@ -36,16 +37,16 @@ def _over_axis(table: ResultTable, axis: Axis) -> str:
     steps = along(table, axis)
 
     def draw(figure: Figure) -> None:
-        panel = _panel(figure, axis.label)
-        panel.set_xticks(range(len(steps)), [text for text, _ in steps])
+        panel = _panel(figure, axis.title)
+        name_ticks(panel, [text for text, _ in steps])
         for k, name in enumerate(table.names.values()):
             rates = [crash_rate(table, k, conditions) for _, conditions in steps]
             shift = 0.03 * (k - (len(table.policies) - 1) / 2)  # side by side: whiskers must not hide each other
             style, color = line_style(k)
-            _errorbar(panel, np.arange(len(steps)) + shift, rates, f"o{style}", color, name)
-        panel.legend(fontsize=7, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+            _errorbar(panel, np.arange(len(steps)) + shift, rates, "o" if axis.named else f"o{style}", color, name)
+        _finish(figure, panel)
 
-    return to_svg(draw, *_SIZE_IN)
+    return to_svg(draw, *_size_in(table))
 
 
 def _over_bytes(table: ResultTable) -> str:
@@ -54,17 +55,30 @@ def _over_bytes(table: ResultTable) -> str:
 
     def draw(figure: Figure) -> None:
         panel = _panel(figure, "bytes per second that an agent broadcasts")
-        panel.set_xscale("symlog", linthresh=max(float(np.min(sent, where=sent > 0, initial=math.inf)), 1.0) / 3)
-        for k, name in enumerate(table.names.values()):
-            _errorbar(panel, sent[[k]], [crash_rate(table, k, conditions)], "o", line_style(k)[1], name)
-        panel.legend(fontsize=7, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+        places = place_bytes(panel, sent[np.isfinite(sent)].tolist())
+        known = [k for k, rate in enumerate(sent) if math.isfinite(rate)]
+        for place, k in zip(places, known, strict=True):
+            name = table.names[table.policies[k]]
+            _errorbar(panel, np.array([place]), [crash_rate(table, k, conditions)], "o", line_style(k)[1], name)
+        _finish(figure, panel)
 
-    return to_svg(draw, *_SIZE_IN)
+    return to_svg(draw, *_size_in(table))
+
+
+def _size_in(table: ResultTable) -> tuple[float, float]:
+    return _WIDTH_IN, _HEIGHT_IN + _ROW_IN * math.ceil(len(table.policies) / _COLUMNS)
+
+
+def _finish(figure: Figure, panel: Any) -> None:
+    """End the vertical axis above the highest whisker, with room for a marker at 0, and put the legend below."""
+    top = 10 * math.ceil(min(max(1.05 * panel.dataLim.y1, 1.0), 100.0) / 10)
+    panel.set_ylim(-0.03 * top, top)
+    figure.legend(fontsize=9, frameon=False, loc="outside lower center", ncols=_COLUMNS)
 
 
 def _panel(figure: Figure, label: str) -> Any:
     panel = figure.subplots()
-    panel.set(xlabel=label, ylabel="episodes with a crash (%)", ylim=(0, 100))
+    panel.set(xlabel=label, ylabel="episodes with a crash (%)")
     panel.grid(alpha=0.25)
     return panel
 

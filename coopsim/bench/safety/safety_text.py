@@ -5,16 +5,15 @@ Rates have Wilson's intervals, differences are paired by situation and seed.
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 
 import numpy as np
 
 from coopsim.bench.grid.cell import varying_axes
 from coopsim.bench.report.bench_text import difference_text, form_of, format_value, markdown_table
-from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.standings import known_mean
-from coopsim.bench.results.statistics import Interval, holm, rate_interval
+from coopsim.bench.results.result_table import ResultTable, known_mean
+from coopsim.bench.results.statistics import Interval, holm
+from coopsim.bench.safety.lie_costs import CRASH_HEADS, cost_heads, cost_rows, crash_rows
 from coopsim.bench.safety.paired import Change, along, calm, change, gone_at, rank_correlation
 from coopsim.bench.safety.pairs import CRASH, policy_alone
 from coopsim.metrics.built_in import BYTES
@@ -36,10 +35,15 @@ def to_safety_markdown(table: ResultTable) -> str:
             _matrix_text(table),
             "Episodes with a crash of the driven car, and 95 % intervals.",
         ),
-        ("What messages change", _changes(table), _CHANGES_NOTE),
+        ("What messages change", markdown_table(CHANGE_HEADS, change_rows(table), texts=2), CHANGES_NOTE),
         ("What they cost", _prices(table), "Mean per episode, sharing minus alone, with 95 % intervals."),
-        ("Driving", _driving(table), "Means over all situations in the mildest condition."),
-        ("Crashes over bytes", _bytes(table), "In the mildest condition; policies by the bytes that an agent sends."),
+        ("What lies cost", _lies(table), _LIES_NOTE),
+        ("Driving", _driving(table), "Means over all situations where nothing disturbs, or as little as was run."),
+        (
+            "Crashes over bytes",
+            _bytes(table),
+            "Where nothing disturbs, or as little as was run; policies by the bytes that an agent sends.",
+        ),
         ("Where the gain is gone", _gone(table), _GONE_NOTE),
         ("What predicts crashes", _predictors(table), _PREDICTORS_NOTE),
     ]
@@ -47,12 +51,20 @@ def to_safety_markdown(table: ResultTable) -> str:
     return "# Safety\n\n" + "\n\n".join(shown) + "\n"
 
 
-_CHANGES_NOTE = """Against the policy that sends nothing, with the same seeds, in the mildest condition.
-*Avoided*: alone it crashes, with messages it does not; *caused*: the other way round. p is McNemar's, corrected for all
-rows by Holm's method."""
+CHANGE_HEADS = ("policy", "situation", "pairs", "alone", "sharing", "avoided", "caused", "difference", "p")
 
-_GONE_NOTE = """Difference of crash rates, sharing minus alone, in percentage points, while all else is mildest.
-*Gone at*: the first value from which on the 95 % interval has 0."""
+CHANGES_NOTE = """Against the policy that sends nothing, with the same seeds, where nothing disturbs, or as little as
+was run. *Avoided*: alone it crashes, with messages it does not; *caused*: the other way round. p is McNemar's,
+corrected for all rows by Holm's method."""
+
+_LIES_NOTE = """Each attack against the same policy with the same seeds while nobody lies, and nothing else disturbs.
+*Avoided*: only the honest run ends in a crash; *caused*: only that with the lie. The second table has mean differences
+per episode, lie minus honest, with 95 % intervals: brakes for nothing, hard brakes, share of the way driven, and time
+lost."""
+
+_GONE_NOTE = """Difference of crash rates, sharing minus alone, in percentage points, while nothing else disturbs.
+*Gone at*: the first value from which on the 95 % interval has 0, so that fewer crashes are not shown. *No gain shown*:
+it has 0 from the first value on."""
 
 _PREDICTORS_NOTE = """Spearman's rank correlation over policies, upper bounds left out, with a 95 % interval by a
 bootstrap over situations and seeds. -1: the better policy by the metric always crashes less; 0: it says nothing."""
@@ -60,35 +72,11 @@ bootstrap over situations and seeds. -1: the better policy by the metric always 
 
 def crash_rate(table: ResultTable, policy: int, conditions: Sequence[int]) -> Interval:
     """Return the crash rate of a policy in some conditions, per cent, with Wilson's interval."""
-    return rate_interval(table.values(CRASH)[policy, list(conditions)].ravel())
+    return table.mean(CRASH, policy, conditions)
 
 
-def matrix_html(table: ResultTable) -> str:
-    """Return the crash rates of situations by policies as an HTML table, darker with more crashes."""
-    heads = "".join(f"<th>{html.escape(name)}</th>" for name in table.names.values())
-    rows = []
-    for scenario, conditions in _situations(table):
-        cells = []
-        for k in range(len(table.policies)):
-            rate = crash_rate(table, k, conditions)
-            share = 0 if np.isnan(rate.mean) else rate.mean
-            shade = f"background: rgb(212 60 40 / {0.55 * share / 100:.3f})"
-            cells.append(f'<td style="{shade}">{_rate_html(rate)}</td>')
-        rows.append(f'<tr><td class="about">{html.escape(scenario)}</td>{"".join(cells)}</tr>')
-    return (
-        f'<div class="scroll"><table><thead><tr><th class="about">situation</th>{heads}</tr></thead>'
-        f"<tbody>{''.join(rows)}</tbody></table></div>"
-    )
-
-
-def _rate_html(rate: Interval) -> str:
-    if not rate.count:
-        return "-"
-    return f'{rate.mean:.0f} % <span class="dim">{rate.low:.0f} to {rate.high:.0f}, n {rate.count}</span>'
-
-
-def _situations(table: ResultTable) -> list[tuple[str, list[int]]]:
-    """Return the situations with their mildest condition, then all together."""
+def situations(table: ResultTable) -> list[tuple[str, list[int]]]:
+    """Return the situations with the condition that disturbs least, then all together."""
     rows = [(scenario, calm(table, scenario)) for scenario in table.scenarios]
     return [*rows, (_ALL, calm(table))] if len(rows) > 1 else rows
 
@@ -96,7 +84,7 @@ def _situations(table: ResultTable) -> list[tuple[str, list[int]]]:
 def _matrix_text(table: ResultTable) -> str:
     rows = [
         [scenario, *(_rate(crash_rate(table, k, conditions)) for k in range(len(table.policies)))]
-        for scenario, conditions in _situations(table)
+        for scenario, conditions in situations(table)
     ]
     return markdown_table(["situation", *table.names.values()], rows)
 
@@ -106,20 +94,19 @@ def _competitors(table: ResultTable) -> list[int]:
     return [k for k in range(len(table.policies)) if k != base] if base is not None else []
 
 
-def _changes(table: ResultTable) -> str:
+def change_rows(table: ResultTable) -> list[list[str]]:
+    """Return rows of text below `CHANGE_HEADS`: crashes that messages avoid and cause, by policy and situation."""
     tried = [
         (scenario, change(table, k, conditions))
         for k in _competitors(table)
-        for scenario, conditions in _situations(table)
+        for scenario, conditions in situations(table)
     ]
     known = [(scenario, found) for scenario, found in tried if found is not None]
     corrected = holm(np.array([found.p_value for _, found in known]))
-    rows = [
+    return [
         [table.names[found.policy], scenario, *_change_cells(found), f"{p_value:.2g}"]
         for (scenario, found), p_value in zip(known, corrected.tolist(), strict=True)
     ]
-    heads = ["policy", "situation", "pairs", "alone", "sharing", "avoided", "caused", "difference", "p"]
-    return markdown_table(heads, rows, texts=2)
 
 
 def _change_cells(found: Change) -> list[str]:
@@ -138,6 +125,14 @@ def _prices(table: ResultTable) -> str:
         ]
         rows.append([table.names[table.policies[k]], *cells])
     return markdown_table(["policy", *metrics], rows) if metrics else ""
+
+
+def _lies(table: ResultTable) -> str:
+    parts = [
+        markdown_table(CRASH_HEADS, crash_rows(table), texts=2),
+        markdown_table(cost_heads(table), cost_rows(table), texts=2),
+    ]
+    return "\n\n".join(part for part in parts if part)
 
 
 def _driving(table: ResultTable) -> str:
@@ -168,16 +163,15 @@ def _gone(table: ResultTable) -> str:
         steps = along(table, axis)
         rows = []
         for k in _competitors(table):
-            found = [change(table, k, conditions) for _, conditions in steps]
-            if table.policies[k] in table.bounds or None in found:
+            tried = [(text, change(table, k, conditions)) for text, conditions in steps]
+            found = [(text, each) for text, each in tried if each is not None]
+            if table.policies[k] in table.bounds or len(found) < len(tried):
                 continue
-            cells = [difference_text(each.change, ".1f") for each in found if each is not None]
-            gone = gone_at(table, k, axis)
-            rows.append([table.policies[k], *cells, "never shown" if gone == steps[0][0] else gone or "not in these"])
+            cells = [difference_text(each.change, ".1f") for _, each in found]
+            rows.append([table.policies[k], *cells, gone_at(axis, found)])
         if rows:
-            parts.append(
-                f"### {axis.title}\n\n" + markdown_table(["policy", *(text for text, _ in steps), "gone at"], rows)
-            )
+            heads = ["policy", *(text for text, _ in steps), "gone under" if axis.named else "gone at"]
+            parts.append(f"### {axis.title}\n\n" + markdown_table(heads, rows))
     return "\n\n".join(parts)
 
 

@@ -123,7 +123,7 @@ def test_the_command_writes_all_three_files(
     assert {path.name for path in out.iterdir()} == {"leaderboard.md", "leaderboard.csv", "leaderboard.svg"}
     shown = capsys.readouterr().out
     assert all(shown.count(name) == 2 for name in POLICIES)
-    behind = (out / "leaderboard.md").read_text().split("## What stands behind the rows")[1]
+    behind = (out / "leaderboard.md").read_text().split("## Methods of the policies")[1]
     assert all(f"- {name}: " in behind for name in POLICIES)
     (tmp_path / "file").write_text("")
     assert main([*command, "--out", str(tmp_path / "file")]) == 2

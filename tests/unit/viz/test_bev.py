@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,8 @@ NO_MAP = RoadMap((), (), (), ())
 SQUARE = np.array([[10.0, 5.0], [30.0, 5.0], [30.0, 15.0], [10.0, 15.0]])
 MAP = RoadMap((SQUARE,), (), (), ())
 Picture = NDArray[np.uint8]
+LEGEND_PX = (180, 130)
+"""Width and height of the corner with the legend."""
 
 
 def box(x: float, y: float, yaw: float = 0.0) -> Boxes3D:
@@ -53,13 +56,15 @@ def frame(
     return BevFrame(0, actors(truth or Boxes3D.empty()), {"cav_0": body}, spots, reported or {})
 
 
-def draw(shown: BevFrame, road_map: RoadMap = NO_MAP) -> Picture:
-    return BevRenderer(road_map, WIDTH, HEIGHT).draw(shown)
+def draw(shown: BevFrame, road_map: RoadMap = NO_MAP, *, all_tracks: bool = False) -> Picture:
+    return BevRenderer(road_map, WIDTH, HEIGHT, all_tracks=all_tracks).draw(shown)
 
 
 def where(picture: Picture, color: palette.RGB) -> Any:
-    """x, y in m of all pixels of a colour, (N, 2): x to the right, y up, from the picture's middle."""
-    rows, columns = np.nonzero((picture == color).all(axis=-1))
+    """x, y in m of all pixels of a colour beside the legend, (N, 2): x to the right, y up, from the middle."""
+    same = (picture == color).all(axis=-1)
+    same[: LEGEND_PX[1], : LEGEND_PX[0]] = False
+    rows, columns = np.nonzero(same)
     return np.column_stack([columns + 0.5 - WIDTH / 2, HEIGHT / 2 - rows - 0.5]) / PX_PER_M
 
 
@@ -80,7 +85,7 @@ def test_an_empty_frame_has_no_boxes_but_a_time() -> None:
 @pytest.mark.parametrize(("x", "y"), [(20, 10), (-30, 25), (15, -40), (-50, -20)])
 def test_truth_and_tracks_are_drawn_where_they_are(x: float, y: float) -> None:
     as_truth = where(draw(frame(truth=box(x, y))), palette.TRUTH)
-    as_track = where(draw(frame(reported={"cav_0": tracks(3, box(x, y))})), palette.track_color(3))
+    as_track = where(draw(frame(box(x, y), {"cav_0": tracks(3, box(x, y))})), palette.TRACK)
     for spots in (as_truth, as_track):
         np.testing.assert_allclose(spots.min(axis=0), [x - 5, y - 2], atol=2.5 / PX_PER_M)
         np.testing.assert_allclose(spots.max(axis=0), [x + 5, y + 2], atol=2.5 / PX_PER_M)
@@ -95,13 +100,32 @@ def test_a_tick_says_which_way_it_heads(yaw: float) -> None:
     assert len(tick) and tick.min() > 1
 
 
-def test_a_connected_car_is_filled_and_a_roadside_unit_a_dot() -> None:
+def test_the_ego_is_filled_another_car_an_outline_and_a_roadside_unit_a_dot() -> None:
     def area_m2(shown: BevFrame) -> float:
         return len(where(draw(shown), palette.AGENT)) / PX_PER_M**2
 
     name_only = area_m2(frame(rides_on=99))
-    assert area_m2(frame(truth=box(0, 0), rides_on=1)) - name_only > 30
+    whole = area_m2(frame(truth=box(0, 0), rides_on=1)) - name_only
+    assert whole > 30
+    shown = frame(truth=box(0, 0), rides_on=1)
+    first = AgentBody("rsu_0", "rsu", None, SE3.from_xyz_yaw([40, 0, 0], 0.0), 1.6)
+    several = replace(shown, agents={"rsu_0": first, **shown.agents})
+    assert area_m2(replace(several, ego="cav_0")) > area_m2(several) + whole / 2, "the first one, unless it is named"
     assert 0 < area_m2(frame(rides_on=None)) - name_only < 5
+
+
+def test_a_track_where_nothing_is_is_thin_and_grey() -> None:
+    beside = draw(frame(box(20, 10), {"cav_0": tracks(3, box(20, 13))}))
+    assert len(where(beside, palette.TRACK)) and not len(where(beside, palette.FALSE_TRACK))
+    false = draw(frame(box(20, 10), {"cav_0": tracks(3, box(-30, 25))}))
+    spots = where(false, palette.FALSE_TRACK)
+    assert not len(where(false, palette.TRACK)) and len(spots) < len(where(beside, palette.TRACK))
+    np.testing.assert_allclose([spots.min(axis=0), spots.max(axis=0)], [[-35, 23], [-25, 27]], atol=2 / PX_PER_M)
+
+
+def test_the_lower_left_corner_is_free() -> None:
+    corner = draw(frame(box(20, 10), {"cav_0": tracks(3, box(20, 10))}))[HEIGHT // 2 :, : WIDTH // 3]
+    assert (corner == palette.BACKGROUND).all()
 
 
 def test_points_are_pixels_and_those_outside_are_left_out() -> None:
@@ -123,10 +147,12 @@ def test_the_view_goes_with_the_agents_in_steps() -> None:
     np.testing.assert_array_equal(here, draw(frame(truth=box(1020, 10), agent_x=1000)))
 
 
-def test_the_first_agents_tracks_lie_on_top() -> None:
-    both = {"cav_0": tracks(1, box(20, 10)), "rsu_0": tracks(2, box(20, 10))}
-    alone = where(draw(frame(reported={"cav_0": both["cav_0"]})), palette.track_color(1))
-    np.testing.assert_array_equal(where(draw(frame(reported=both)), palette.track_color(1)), alone)
+def test_only_the_egos_tracks_are_there_unless_all_are_asked_for() -> None:
+    both = {"cav_0": tracks(1, box(20, 10)), "rsu_0": tracks(2, box(-30, 10))}
+    truth = Boxes3D.concatenate([box(20, 10), box(-30, 10)])
+    own, everything = (draw(frame(truth, both), all_tracks=each) for each in (False, True))
+    np.testing.assert_array_equal(where(own, palette.TRACK), where(everything, palette.TRACK))
+    assert not len(where(own, palette.OTHER_TRACK)) and len(where(everything, palette.OTHER_TRACK))
 
 
 def test_same_input_same_bits_whatever_was_drawn_before() -> None:
@@ -148,8 +174,7 @@ def test_the_environment_renders_what_it_scored(make_small: Callable[..., Any]) 
     np.testing.assert_array_equal(after, env.render())
     np.testing.assert_array_equal(after, BevRenderer(env.road_map).draw(env.bev_frame()))
     assert not np.array_equal(before, after)
-    shown = env.bev_frame().tracks["cav_0"]
-    assert all(len(where(after, palette.track_color(track_id))) for track_id in shown.id.tolist())
+    assert len(where(after, palette.TRACK)) and env.bev_frame().about == "cav_0"
 
 
 class TestWindow:

@@ -45,7 +45,7 @@ function panelsOf(title, pointsOf, draw) {
     caption.append(make("b", {}, alone ? title : data.scenarios[scenario]));
     const output = caption.appendChild(make("output"));
     if (points.length) figure.append(draw(points, vertical, (point) => describe(output, point), data.scenarios[scenario]));
-    else caption.append(make("span", { className: "dim" }, "no such cell"));
+    else caption.append(make("span", { className: "dim" }, "not run"));
   });
 }
 
@@ -71,7 +71,7 @@ function curve(axis, free) {
       const group = series(svg, policy);
       const { color, dash } = look(policy);
       const line = mine.map((point) => `${xOf(point).toFixed(1)},${vertical.place(point.mean).toFixed(1)}`).join(" ");
-      group.append(element("polyline", { points: line, fill: "none", stroke: color, "stroke-width": 1.8, "stroke-dasharray": dash }));
+      if (!axis.named) group.append(element("polyline", { points: line, fill: "none", stroke: color, "stroke-width": 1.8, "stroke-dasharray": dash }));
       for (const point of mine) group.append(pointOf(policy, xOf(point), point, vertical, tell));
     });
     return svg;

@@ -66,8 +66,8 @@ function drawFromAbove(canvas, scene, index, tracks, { agent, eye, span, layers 
       context.fillRect(toX(origin[0] + points[k] * scene.unit), toY(origin[1] + points[k + 1] * scene.unit), 1.2, 1.2);
     }
   }
-  const outline = (boxes, k, grow = 0) => {
-    traceBox(context, scene, boxes, k, spot(boxes, k), scale, grow);
+  const outline = (boxes, k, grow = 0, crossed = false) => {
+    traceBox(context, scene, boxes, k, spot(boxes, k), scale, grow, crossed);
     context.stroke();
   };
   if (layers.truth) {
@@ -77,24 +77,30 @@ function drawFromAbove(canvas, scene, index, tracks, { agent, eye, span, layers 
   }
   context.font = "12px system-ui, sans-serif";
   const write = (text, x, y) => writeOnHalo(context, scene.colors.background, text, x, y);
-  if (layers.tracks) drawTracks(context, scene, index, tracks, agent, { spot, outline, write: layers.ids ? write : () => {} });
+  context.fillStyle = context.strokeStyle = scene.colors.agent;
+  context.lineWidth = 1;
   for (const [name, x, y, riding] of frame.agents) {
-    context.globalAlpha = name === agent ? 1 : 0.7;
-    context.fillStyle = scene.colors.agent;
-    context.beginPath();
-    context.arc(toX(x), toY(y), riding ? 4 : 6, 0, 7);
-    context.fill();
-    write(name, toX(x) + 8, toY(y) - 8);
+    const body = riding ? bodyAt(scene, frame.truth, x, y) : null;
+    if (body === null) {
+      context.beginPath();
+      context.arc(toX(x), toY(y), riding ? 4 : 6, 0, 7);
+      context.fill();
+      continue;
+    }
+    outline(frame.truth, body);
+    if (name === agent) context.fill();
   }
-  context.globalAlpha = 1;
+  if (layers.tracks) drawTracks(context, scene, index, tracks, agent, { spot, outline, write, ids: layers.ids });
+  context.fillStyle = scene.colors.agent;
+  for (const [name, x, y] of frame.agents) write(name, toX(x) + 8, toY(y) - 8);
   const metres = nice(60 / scale); // the scale's bar
   context.fillStyle = scene.colors.text;
   context.fillRect(12, height - 14, metres * scale, 3);
   write(`${+metres.toPrecision(1)} m`, 12, height - 20);
 }
 
-/** The path of a box about a `spot` of the canvas, with a line to its front. */
-function traceBox(context, scene, boxes, k, [x, y], scale, grow = 0) {
+/** The path of a box about a `spot` of the canvas, with a line to its front, or `crossed` out. */
+function traceBox(context, scene, boxes, k, [x, y], scale, grow = 0, crossed = false) {
   const yaw = boxes[k + 5] * scene.turn;
   const [cos, sin] = [Math.cos(yaw) * scale, Math.sin(yaw) * scale];
   const [a, b] = [(boxes[k + 3] * scene.unit) / 2 + grow, (boxes[k + 4] * scene.unit) / 2 + grow];
@@ -105,17 +111,54 @@ function traceBox(context, scene, boxes, k, [x, y], scale, grow = 0) {
   context.lineTo(...corner(-a, -b));
   context.lineTo(...corner(a, -b));
   context.closePath();
-  context.moveTo(...corner(a, 0));
-  context.lineTo(...corner(a * 0.4, 0));
+  const lines = crossed ? [[a, b, -a, -b], [a, -b, -a, b]] : [[a, 0, a * 0.4, 0]];
+  for (const [u, v, w, z] of lines) {
+    context.moveTo(...corner(u, v));
+    context.lineTo(...corner(w, z));
+  }
 }
 
-/** Tracks in the colours of their ids, each with where it was in the last second. */
-function drawTracks(context, scene, index, tracks, agent, { spot, outline, write }) {
+const BESIDE_M = 2; // as `coopsim.viz.false_tracks` has it
+
+/** How far a place (in steps) is outside of a box, in metres. */
+function outside(scene, boxes, k, x, y) {
+  const [dx, dy, yaw] = [(x - boxes[k + 1]) * scene.unit, (y - boxes[k + 2]) * scene.unit, boxes[k + 5] * scene.turn];
+  const along = Math.abs(dx * Math.cos(yaw) + dy * Math.sin(yaw)) - (boxes[k + 3] * scene.unit) / 2;
+  const across = Math.abs(dy * Math.cos(yaw) - dx * Math.sin(yaw)) - (boxes[k + 4] * scene.unit) / 2;
+  return Math.hypot(Math.max(along, 0), Math.max(across, 0));
+}
+
+/** The place in `truth` of the body in which an agent at x, y (metres) rides; null where there is none. */
+function bodyAt(scene, truth, x, y) {
+  let [best, nearest] = [null, 1.5];
+  for (let k = 0; k < truth.length; k += BOX) {
+    const apart = Math.hypot(truth[k + 1] * scene.unit - x, truth[k + 2] * scene.unit - y);
+    if (apart < nearest) [best, nearest] = [k, apart];
+  }
+  return best;
+}
+
+/** Whether nothing is where a track is: neither a body nor something beside one. */
+function isFalse(scene, truth, boxes, k) {
+  for (let j = 0; j < truth.length; j += BOX) {
+    if (outside(scene, truth, j, boxes[k + 1], boxes[k + 2]) <= BESIDE_M) return false;
+  }
+  return true;
+}
+
+/** Tracks, each with where it was in the last second; with `ids` in the colours of their ids. False ones are crossed out. */
+function drawTracks(context, scene, index, tracks, agent, { spot, outline, write, ids }) {
   const first = Math.max(0, index - Math.round(TRAIL_S / scene.dt_s));
   const now = tracks[index][agent] ?? [];
   for (let k = 0; k < now.length; k += BOX) {
     const id = now[k];
-    context.strokeStyle = context.fillStyle = trackColor(scene, id);
+    if (isFalse(scene, scene.frames[index].truth, now, k)) {
+      context.strokeStyle = context.fillStyle = scene.colors.false;
+      context.lineWidth = 1;
+      outline(now, k, 0, true);
+      continue;
+    }
+    context.strokeStyle = context.fillStyle = ids ? trackColor(scene, id) : scene.colors.track;
     context.lineWidth = 1.5;
     context.beginPath();
     let started = false;
@@ -131,7 +174,7 @@ function drawTracks(context, scene, index, tracks, agent, { spot, outline, write
     context.lineWidth = 2;
     outline(now, k, 0.15);
     const [x, y] = spot(now, k);
-    write(String(id), x + 6, y - 6);
+    if (ids) write(String(id), x + 6, y - 6);
   }
 }
 

@@ -57,6 +57,7 @@ const inner = (share) => LEFT + 14 + share * (WIDTH - LEFT - RIGHT - 28);
 
 /** The horizontal scale of an axis: even steps of its unit, or of its logarithm if it has no end ("no limit"). */
 function axisScale(axis) {
+  if (axis.named) return namesScale(axis.texts);
   const endless = axis.values.includes(null);
   const known = axis.values.filter((value) => value !== null);
   const of = (value) => (endless ? Math.log10(value) : value);
@@ -76,6 +77,16 @@ function axisScale(axis) {
     return [[x, text]];
   });
   return { place, ticks };
+}
+
+/** Names side by side, on two lines where one has no room; `half` is the room of a name to either side. */
+function namesScale(texts) {
+  const place = (k) => inner((k + 0.5) / texts.length);
+  const half = (WIDTH - LEFT - RIGHT - 28) / texts.length / 2;
+  const lines = texts.some((text) => 3.2 * text.length > half) ? 2 : 1;
+  const letters = Math.floor((lines * half) / 3.2);
+  const cut = (text) => (text.length > letters ? `${text.slice(0, letters - 1)}…` : text);
+  return { place, ticks: texts.map((text, k) => [place(k), cut(text), k % lines]), names: true, lines };
 }
 
 /** Bytes per second by their logarithm; nothing sent has a place of its own on the left. */
@@ -106,15 +117,17 @@ function frameOf(horizontal, vertical, xTitle, yTitle, description) {
     svg.append(element("line", { x1: LEFT, x2: WIDTH - RIGHT, y1: y, y2: y, class: "grid" }));
     svg.append(element("text", { x: LEFT - 6, y: y + 4, "text-anchor": "end" }, short(value)));
   }
-  for (const [x, text] of horizontal.ticks) {
-    svg.append(element("text", { x, y: HEIGHT - BOTTOM + 16, "text-anchor": "middle" }, text));
+  for (const [x, text, line = 0] of horizontal.ticks) {
+    svg.append(element("text", { x, y: HEIGHT - BOTTOM + 16 + 14 * line, "text-anchor": "middle" }, text));
     svg.append(element("line", { x1: x, x2: x, y1: HEIGHT - BOTTOM, y2: HEIGHT - BOTTOM + 4, class: "grid" }));
   }
   if (horizontal.gap) {
     const [x, y] = [horizontal.gap, HEIGHT - BOTTOM];
     svg.append(element("path", { d: `M${x - 5},${y + 5}l4,-10m6,0l-4,10`, class: "gap" }));
   }
-  svg.append(element("text", { x: (LEFT + WIDTH - RIGHT) / 2, y: HEIGHT - 8, "text-anchor": "middle" }, xTitle));
+  if (horizontal.lines !== 2) {
+    svg.append(element("text", { x: (LEFT + WIDTH - RIGHT) / 2, y: HEIGHT - 8, "text-anchor": "middle" }, xTitle));
+  }
   const middle = (TOP + HEIGHT - BOTTOM) / 2;
   svg.append(element("text", { x: 0, y: 0, "text-anchor": "middle", transform: `translate(11 ${middle}) rotate(-90)` }, yTitle));
   return svg;

@@ -29,6 +29,8 @@ function eye() {
   return follow ? [x + view.x, y + view.y] : [view.x, view.y];
 }
 
+const BEGINS_S = 1; // for so long trackers believe in what they could not yet check
+
 function drawChart() {
   const canvas = document.getElementById("chart");
   const [context, width, height] = fit(canvas);
@@ -69,6 +71,11 @@ function drawChart() {
   context.fillText("reward", 0, 0);
   context.restore();
   context.textAlign = "left";
+  const begun = toX(Math.min(BEGINS_S / scene.dt_s, count - 1));
+  context.globalAlpha = 0.1;
+  context.fillRect(left, top, begun - left, height - bottom - top);
+  context.globalAlpha = 1;
+  context.fillText("trackers begin", left + 6, top + 12);
   runs.forEach((run, n) => {
     context.strokeStyle = runColor(run);
     context.lineWidth = panels.some((panel) => state.shown[panel.dataset.panel] === n) ? 2.4 : 1.2;

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from synthetic_results import results
 
+from coopsim.bench.grid.cell import Cell
 from coopsim.bench.paper.trade_off_plot import pareto_front, trade_off
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.errors import UnknownNameError
@@ -45,8 +46,24 @@ def test_what_is_far_from_the_others_stands_at_the_edge_with_its_number() -> Non
     far = re.compile("far: (49|50)[0-9]")
     many, few = words("a b c d e far"), words("a b far")
     assert {"a", "b", "c", "d", "e"} <= set(many) and [each for each in many if far.fullmatch(each)]
-    assert not {"100", "200", "300", "400"} & set(many), "the axis would reach up to it"
+    assert not {"200", "300", "400"} & set(many), "the axis would reach up to it"
     assert "far" in few, "of three values none is far"
+
+
+def test_what_the_whiskers_of_others_reach_stands_where_it_is() -> None:
+    def labels(swing: float) -> list[str]:
+        scores = {"a": 70.0, "b": 71.0, "c": 71.5, "d": 72.0, "e": 72.5, "low": 60.0}
+        given = [
+            replace(each, values={**each.values, "sAMOTA": scores[each.cell.policy] + _swing(each.cell, swing)})
+            for each in results(scores, seeds=range(4))
+        ]
+        return re.findall(r">(low[^<>\n]*)</text>", trade_off(ResultTable.of(given), "sAMOTA", {}))
+
+    def _swing(cell: Cell, swing: float) -> float:
+        return (swing if cell.seed % 2 else -swing) * (cell.policy == "a")
+
+    assert labels(0.1) == ["low: 60"]
+    assert labels(7.0) == ["low"], "the axis reaches it anyway, for the whisker of another"
 
 
 @given(st.lists(st.tuples(st.integers(0, 5), st.integers(0, 5)), min_size=1, max_size=12), st.booleans())

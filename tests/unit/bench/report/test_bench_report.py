@@ -20,10 +20,12 @@ from synthetic_results import FRAMES, LATENCIES, failed, result, results
 from coopsim.bench.grid.cell import Cell, Condition
 from coopsim.bench.report.bench_plots import plots
 from coopsim.bench.report.bench_report import About, Played, render_bench_report, write_bench_report
-from coopsim.bench.report.bench_text import to_csv, to_markdown
+from coopsim.bench.report.bench_text import leaderboard_text, to_csv, to_markdown
+from coopsim.bench.report.publish import publish
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import mean_interval
 from coopsim.errors import UnknownNameError
+from tests.helpers.crashes import crash_results
 
 TABLE = ResultTable.of(results())
 ABOUT = About("a title", "coopsim bench --seeds 0,1,2", {"frames": "40"})
@@ -83,7 +85,7 @@ def test_the_leaderboard_is_in_order_and_each_metric_has_one() -> None:
 def test_all_says_what_there_is() -> None:
     shown = page()
     assert shown.texts("title") == shown.texts("h1") == ["a title"]
-    assert "3 policies x 3 conditions x 3 seeds, 40 frames each: 27 cells finished" in shown.texts("p")
+    assert "3 policies x 3 conditions x 3 seeds, 40 frames each: 27 runs finished" in shown.texts("p")
     assert "40" in shown.texts("dd") and "coopsim bench --seeds 0,1,2" in shown.texts("pre")
     assert any("95 % intervals of the mean over 3 seeds, by Student's t" in text for text in shown.texts("p", "note"))
     assert "Worst moments" not in shown.texts("h2"), "no clips, no section"
@@ -145,7 +147,7 @@ def test_failed_missing_and_undefined_cells_are_shown() -> None:
     given[4] = replace(given[4], values={**given[4].values, "sAMOTA": math.nan, "HOTA": math.inf})
     table = ResultTable.of(given[:-1])
     shown = page(table)
-    assert any("25 cells finished, 1 failed, 1 not run" in text for text in shown.texts("p"))
+    assert any("25 runs finished, 1 failed, 1 not run" in text for text in shown.texts("p"))
     assert "good, latency 100 ms, seed 0: " in shown.texts("summary") and "ValueError: <no>" in shown.texts("code")
     assert shown.texts("td", "failed")[:2] == ["8 of 9, 1 not run", "8 of 9, 1 failed"]
     markdown = to_markdown(table, "t")
@@ -156,7 +158,7 @@ def test_every_cell_failed() -> None:
     table = ResultTable.of([failed(each.cell) for each in results()])
     shown = page(table)
     assert shown.data["metrics"] == [] and len(shown.texts("pre")) == 28
-    assert "Failed cells" in to_markdown(table, "t") and to_csv(table).count("\n") == 28
+    assert "Failed runs" in to_markdown(table, "t") and to_csv(table).count("\n") == 28
     assert plots(ResultTable.of(results(conditions=LATENCIES[:1])), "sAMOTA") == {}
 
 
@@ -187,7 +189,7 @@ def test_what_stands_behind_a_row_is_shown() -> None:
     saying = [replace(each, method="half of <a paper>") for each in results() if each.cell.policy == "bad"]
     table = ResultTable.of(saying)
     assert table.methods == {"bad": "half of <a paper>"} and TABLE.methods == {}
-    heading = "What stands behind the rows"
+    heading = "Methods of the policies"
     assert f"## {heading}\n\n- bad: half of \\<a paper\\>" in to_markdown(table, "t")
     assert "half of &lt;a paper&gt;" in render_bench_report(table, ABOUT)
     assert heading not in to_markdown(TABLE, "t") + render_bench_report(TABLE, ABOUT)
@@ -255,3 +257,27 @@ def test_the_tables_say_in_which_numbers_networks_multiply() -> None:
     given = [replace(each, arithmetic="bfloat16") for each in results()]
     assert "\n\nNetworks multiply in bfloat16.\n\n" in to_markdown(ResultTable.of(given), "t")
     assert "Networks" not in to_markdown(TABLE, "t")
+
+
+def _ranked_by(folder: Path, **options: Any) -> tuple[list[str], str, str]:
+    """Publish runs with crashes; return the metrics of the page, that of its leaderboard, and that of Markdown."""
+    folder.mkdir()
+    publish(folder, crash_results(sAMOTA=lambda policy: 50.0 + len(policy)), clips=0, **options)
+    shown = Page((folder / "report.html").read_text(encoding="utf-8"))
+    boards = [attributes for tag, attributes, _ in shown.elements if tag == "div" and "data-metric" in attributes]
+    (first,) = [each["data-metric"] for each in boards if "hidden" not in each]
+    heads = (folder / "report.md").read_text(encoding="utf-8").splitlines()[2].split("|")
+    return [each["name"] for each in shown.data["metrics"]], first, heads[3].strip()
+
+
+def test_the_metrics_that_are_asked_for_begin_every_report(tmp_path: Path) -> None:
+    asked = ("phantom_brakes", "impact_speed")
+    metrics, first, markdown = _ranked_by(tmp_path / "asked", metrics=asked)
+    assert metrics[:2] == list(asked) and {"crash", "sAMOTA"} < set(metrics) and len(metrics) == len(set(metrics))
+    assert first == markdown == asked[0]
+
+
+def test_where_cars_were_driven_crashes_rank(tmp_path: Path) -> None:
+    metrics, first, markdown = _ranked_by(tmp_path / "usual")
+    assert metrics[0] == first == markdown == "crash"
+    assert leaderboard_text(ResultTable.of(crash_results())).splitlines()[0].split("|")[3].strip() == "crash"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from coopsim.bench.grid.cell import AXES, Condition
+from coopsim.bench.grid.cell import AXES, Axis, Condition
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.safety.paired import calm, change, gone_at, rank_correlation
+from coopsim.bench.safety.paired import along, calm, change, gone_at, rank_correlation
 from tests.helpers.crashes import RATES, crash_results
 
 
@@ -35,8 +35,33 @@ def test_the_gain_is_gone_where_it_stays_away() -> None:
 
     table = ResultTable.of(crash_results(crashes, conditions))
     axis = next(each for each in AXES if each.field == "latency_s")
-    assert gone_at(table, table.policies.index("late_fusion"), axis) == "300 ms"
-    assert gone_at(table, table.policies.index("truth"), axis) is None
+    assert gone(table, "late_fusion", axis) == "300 ms"
+    assert gone(table, "truth", axis) == "not in these"
+
+
+def gone(table: ResultTable, policy: str, axis: Axis) -> str:
+    steps = along(table, axis)
+    found = [(text, change(table, table.policies.index(policy), conditions)) for text, conditions in steps]
+    return gone_at(axis, [(text, each) for text, each in found if each is not None])
+
+
+def test_where_no_gain_is_shown_there_is_none_to_lose() -> None:
+    conditions = [Condition("merge", latency_s=each) for each in (0.0, 0.3)]
+    table = ResultTable.of(crash_results(lambda policy, condition, seed: seed < 2, conditions))
+    axis = next(each for each in AXES if each.field == "latency_s")
+    assert gone(table, "late_fusion", axis) == "0 ms: no gain shown"
+
+
+def test_of_attacks_those_are_named_that_take_the_gain() -> None:
+    conditions = [Condition("merge", attacks=each) for each in ("", "cav_1=ghost", "cav_1=remove")]
+
+    def crashes(policy: str, condition: Condition, seed: int) -> bool:
+        return policy == "no_fusion" or (policy != "truth" and "remove" in condition.attacks)
+
+    table = ResultTable.of(crash_results(crashes, conditions))
+    axis = next(each for each in AXES if each.field == "attacks")
+    assert gone(table, "late_fusion", axis) == "cav_1=remove"
+    assert gone(table, "truth", axis) == "none of these"
 
 
 def test_a_run_alone_stands_for_conditions_that_it_does_not_feel() -> None:

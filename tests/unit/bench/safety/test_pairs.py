@@ -14,7 +14,7 @@ from tests.helpers.crashes import crash_results
 
 def test_one_run_of_a_pair_crashed_and_no_bound_is_in_it() -> None:
     pairs = telling_pairs(ResultTable.of(crash_results()), 10)
-    assert len(pairs) == 10
+    assert len(pairs) == 6, "of the five seeds that crash alone, three are avoided by some policy, in two situations"
     for pair in pairs:
         assert pair.alone.cell.policy == "no_fusion" and pair.sharing.cell.policy != "truth"
         assert (pair.alone.cell.condition, pair.alone.cell.seed) == (
@@ -22,7 +22,15 @@ def test_one_run_of_a_pair_crashed_and_no_bound_is_in_it() -> None:
             pair.sharing.cell.seed,
         )
         assert pair.avoided and not pair.sharing.values["crash"]
-    assert len({(pair.sharing.cell) for pair in pairs}) == 10
+    assert len({(pair.sharing.cell.condition.scenario, pair.sharing.cell.seed) for pair in pairs}) == len(pairs)
+
+
+def test_an_event_is_shown_once_whatever_the_policy_and_the_disturbance() -> None:
+    late = [Condition("crossing", latency_s=each) for each in (0.0, 0.2)]
+    pairs = telling_pairs(
+        ResultTable.of(crash_results(lambda name, _, seed: name == "no_fusion" and not seed, late)), 5
+    )
+    assert [pair.alone.cell.seed for pair in pairs] == [0]
 
 
 def test_pairs_are_varied_and_harm_is_among_them() -> None:

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+import re
+from itertools import pairwise
+
+import pytest
+from html_page import Page
+
 from coopsim.bench.grid.cell import Condition
+from coopsim.bench.report.bench_plots import plots
+from coopsim.bench.report.bench_report import About, render_bench_report
 from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.safety.safety_page import answers_of, crashes_section, matrix_html
 from coopsim.bench.safety.safety_plots import crash_plots
-from coopsim.bench.safety.safety_text import matrix_html, to_safety_markdown
+from coopsim.bench.safety.safety_text import to_safety_markdown
 from tests.helpers.crashes import RATES, crash_results
 
 LATE = [Condition(name, latency_s=each) for name in ("crossing", "merge") for each in (0.0, 0.3)]
@@ -36,3 +45,49 @@ def test_figures_and_matrix_have_every_policy() -> None:
     assert all("coop_fuse" in svg and "truth (upper bound)" in svg for svg in plots.values())
     page = matrix_html(table)
     assert "all situations" in page and "20 % <span" in page
+
+
+def test_ticks_are_words_that_people_read() -> None:
+    svg = crash_plots(ResultTable.of(crash_results(conditions=LATE)))["crash_over_bytes.svg"]
+    words = re.findall(r">([^<>\n]+)</text>", svg)
+    assert "mathdefault" not in svg and {"0", "10 k", "100 k"} <= set(words)
+    places = [float(x) for x in re.findall(r'id="xtick_\d+">.*?<use [^>]*x="([0-9.]+)"', svg, re.DOTALL)]
+    assert len(places) >= 3 and min(b - a for a, b in pairwise(places)) > 30, "none on another"
+
+
+@pytest.mark.parametrize(("rates", "top"), [({}, 80), ({"no_fusion": 1}, 50)])
+def test_the_axis_ends_above_the_highest_whisker(rates: dict[str, int], top: int) -> None:
+    counts = {**RATES, **rates} if not rates else {**dict.fromkeys(RATES, 0), **rates}
+    given = crash_results(lambda policy, condition, seed: seed < counts[policy], conditions=LATE[::2])
+    svg = crash_plots(ResultTable.of(given))["crash_over_bytes.svg"]
+    ticks = [int(each) for each in re.findall(r">(\d+)</text>", svg)]
+    assert max(ticks) <= top
+
+
+ATTACKED = [Condition("merge", attacks=each) for each in ("", "cav_1=remove", "cav_1=ghost(ahead_m=15)")]
+
+
+def test_attacks_are_names_on_an_axis() -> None:
+    table = ResultTable.of(crash_results(conditions=ATTACKED, sAMOTA=lambda policy: 50.0 + len(policy)))
+    for svg in (crash_plots(table)["crash_over_attacks.svg"], plots(table, "sAMOTA")["sAMOTA_attacks.svg"]):
+        words = re.findall(r">([^<>\n]+)</text>", svg)
+        names = [each for each in words if each == "nobody lies" or each.startswith("cav_1=")]
+        assert names == ["nobody lies", "cav_1=ghost(ahead_m=15)", "cav_1=remove"] and "attacks" in words
+        assert not [each for each in words if "()" in each]
+    (axis,) = Page(render_bench_report(table, About())).data["axes"]
+    assert axis["label"] == "attacks" and axis["named"] and axis["values"] == [0, 1, 2] and axis["mildest"] == 0
+    assert axis["texts"] == ["nobody lies", "cav_1=ghost(ahead_m=15)", "cav_1=remove"]
+
+
+def test_the_page_begins_with_the_answer_and_has_its_tables() -> None:
+    table = ResultTable.of(crash_results(conditions=LATE))
+    answers = list(answers_of(table))
+    assert answers[0] == "Alone (no_fusion), 50 % of the episodes end in a crash (30 to 70)."
+    assert "With late_fusion, 20 % of the episodes end in a crash (8 to 42): 6 avoided and 0 caused" in " ".join(
+        answers
+    )
+    assert not any("truth" in each for each in answers), "the bound competes with nobody"
+    page = Page(crashes_section(table))
+    assert page.texts("h3") == ["What messages change"] and {"avoided", "caused"} <= set(page.texts("th"))
+    lied = Page(crashes_section(ResultTable.of(crash_results(conditions=ATTACKED))))
+    assert "What lies cost" in lied.texts("h3") and "cav_1=remove" in lied.texts("td", "about")
