@@ -22,11 +22,12 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from coopsim.comms.channel.channel import ChannelCounts
+from coopsim.envs.drive_infos import DriveInfos
 from coopsim.envs.episode_scores import EpisodeScores
 from coopsim.envs.exchange import Exchange, make_uplinks, message_parts
 from coopsim.envs.frames import Frame, FrameProbe, FrameSource, actor_rows, truth_infos, with_lies
 from coopsim.envs.options import CommonOptions
-from coopsim.envs.rewards import RewardOption
+from coopsim.envs.rewards import RewardOption, total
 from coopsim.envs.scoring import Rewards, ScoredView
 from coopsim.errors import EpisodeStateError, InvalidValueError, RecordingError, UnknownNameError
 from coopsim.metrics.drive_log import DriveLog
@@ -107,6 +108,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._halfway = False  # a call began to change things and did not come to its end
         self._exchange: Exchange
         self._scores: EpisodeScores
+        self._drive_infos: DriveInfos
         self._observations: dict[str, Packed] = {}
         self._view = ScoredView()
 
@@ -190,8 +192,10 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._rewards.begin(self.agent_specs, self._options.match_iou, self._source.region_m, seed)
         self._view.begin(self.road_map, self._frame)
         observations = self._observe(self._frame)
-        truth = self._truths(self._frame)
-        infos = {name: {"seed": seed, **self._source.episode_infos, **truth.get(name, {})} for name in self.agents}
+        self._drive_infos = DriveInfos(self._frame, staged=self._source.staged)
+        truth, own = self._truths(self._frame), self._drive_infos.of_frame(self._frame)
+        told = {"seed": seed, **self._source.episode_infos}
+        infos = {name: {**told, **own[name], **truth.get(name, {})} for name in self.agents}
         self._show_if_human()
         self._halfway = False
         return observations, infos
@@ -221,9 +225,12 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._scores.note_drives(over, tracks, frame)
         observations = self._observe(frame)
         self.agents = [] if frame.last else list(frame.agents)
-        rewards = self._rewards.of_step(counts, over, frame)
-        truth = self._truths(frame)
-        infos = {name: {"counts": counts[name].as_dict(), **truth.get(name, {})} for name in counts}
+        parts = self._rewards.of_step(counts, over, frame)
+        rewards = {name: total(each) for name, each in parts.items()}
+        truth, own = self._truths(frame), self._drive_infos.of_step(over, frame, parts)
+        infos = {
+            name: {"counts": counts[name].as_dict(), **own.get(name, {}), **truth.get(name, {})} for name in counts
+        }
         self._show_if_human()
         crashed = dict.fromkeys(counts, frame.crashed)
         truncated = dict.fromkeys(counts, frame.last and not frame.crashed)
@@ -278,13 +285,18 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     @property
     def drives(self) -> dict[str, DriveLog]:
-        """Logs of the drives, by the agents whose cars a planner or accelerations drive."""
+        """Logs of the drives, by the agents whose cars a planner or the action drives."""
         self._current()
         return self._scores.drives
 
     @property
+    def has_default_reward(self) -> bool:
+        """Whether the option `reward` was left out: rewards are then of the reported tracks."""
+        return self._rewards.is_default
+
+    @property
     def cars(self) -> dict[str, CarState]:
-        """States of the cars that a planner or accelerations drive, by agent: what their drivers know of them."""
+        """States of the cars that a planner or the action drives, by agent: what their drivers know of them."""
         return {name: agent.car for name, agent in self._current().agents.items() if agent.car is not None}
 
     @property

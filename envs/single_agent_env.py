@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from coopsim.agents.policy import Policy
 from coopsim.envs.frames import TRUTH_INFOS
 from coopsim.envs.parallel import CooperativeEnv
+from coopsim.envs.rewards import warn_of_tracking_reward
 from coopsim.envs.roles import Others, PolicyLike, Roles, make_provided
 from coopsim.errors import CoopsimError, EpisodeStateError, InvalidActionError, InvalidValueError
 from coopsim.support.checks import require_choice
@@ -95,6 +96,8 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         except CoopsimError:
             self.parallel.close()
             raise
+        if tracker is not None and specs[self.ego].command is not None and self.parallel.has_default_reward:
+            warn_of_tracking_reward()
         if broadcasts is not None:
             broadcasts.by_agent = {name: each for name, each in self.policies.items() if each.needs.uplink != "none"}
         self._hides_truth = any(each.needs.truth for each in self.policies.values()) and not options.get(
