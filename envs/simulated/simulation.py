@@ -199,8 +199,9 @@ class SimulatedEpisode:
             images = {name: self._equipment.blank_images(name) for name in bodies}
         returns = self._returns(actors)
         frames = self._perception.frames(time_ns, bodies, actors, returns, sweeps, images, sensed=sensed)
-        segmented = {name: replace(each, segmentation=images.get(name, {})) for name, each in frames.items()}
-        agents = segmented | self._driven_frames(segmented)
+        if images:
+            frames = {name: replace(each, segmentation=images.get(name, {})) for name, each in frames.items()}
+        agents = frames | self._driven_frames(frames)
         crashed = self._options.ends_on_crash and self._any_crashed(bodies)
         last = crashed or self._cycle >= self._options.max_cycles
         self._frame = Frame(time_ns, agents, actors, last, probe, "crash" if crashed else self._end)
