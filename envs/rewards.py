@@ -168,7 +168,7 @@ class SafeProgress(DriveReward):
 def warn_of_tracking_reward() -> None:
     """Warn that a driver whose tracks a policy reports has no influence on the default reward. Python shows it once."""
     warnings.warn(
-        'the default reward is "mota": it scores tracks, which the tracker reports, so a driver learns nothing from it; '
+        'the default reward is "mota": it scores tracks, which the tracker reports, so a driver learns nothing by it; '
         'choose reward="safe_progress", or reward="mota" where this is meant',
         RewardWarning,
         stacklevel=2,

@@ -17,7 +17,6 @@ from coopsim.types.lies import Lie
 from coopsim.viz.bev import BevFrame, BevRenderer
 from coopsim.world.snapshot import RoadMap
 
-
 Parts = dict[str, float]
 """Parts of a reward by name; their `total` is the reward, 0 without parts."""
 

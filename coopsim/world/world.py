@@ -190,7 +190,9 @@ class World:
         """Return the motion of a connected car and the way ahead of it, as its driver knows them."""
         number = _number(name)
         rows, k = self.fleet.rows, self._traffic.connected[number]
-        speed, acceleration, length, width = (float(rows[key][k]) for key in ("speed", "acceleration", "length", "width"))
+        speed, acceleration, length, width = (
+            float(rows[key][k]) for key in ("speed", "acceleration", "length", "width")
+        )
         return CarState(speed, acceleration, length, width, bool(rows["crashed"][k]), self._traffic.way_ahead(number))
 
     def crashed(self) -> tuple[int, ...]:

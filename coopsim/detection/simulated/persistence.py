@@ -198,7 +198,11 @@ def _carry(
     Rows of `normal` are as `_draw` has them, by now standard normal.
     """
     count = normal.shape[1]
-    constant, lasting, mixed = np.empty((len(owner), count)), np.empty((len(owner), count)), np.empty((len(wanted), count))
+    constant, lasting, mixed = (
+        np.empty((len(owner), count)),
+        np.empty((len(owner), count)),
+        np.empty((len(wanted), count)),
+    )
     new = len(owner)
     for n in range(len(owner)):
         if place[n] < 0:

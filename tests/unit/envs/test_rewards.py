@@ -115,7 +115,7 @@ def test_a_wrong_reward_is_told(reward: Any, error: type[CoopsimError], says: st
 
 @pytest.mark.parametrize("options", [{"control": "traffic"}, {"control": "policy", "traffic": "highway-env"}])
 def test_rewards_of_drives_need_drives(options: dict[str, Any]) -> None:
-    with pytest.raises(InvalidValueError, match='is of driven cars: it needs .*, "policy" or .* traffic="arrays"'):
+    with pytest.raises(InvalidValueError, match=r'is of driven cars: it needs .*, "policy" or .* traffic="arrays"'):
         coopsim.parallel_env("crossing", lidar=None, reward="safe_progress", **options)
 
 
