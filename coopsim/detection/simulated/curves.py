@@ -72,13 +72,16 @@ class Curves:
 
 @njit(cache=True, nogil=True)
 def _interpolate(at: Floats, count: Ints, places: Floats, values: Floats) -> Floats:
-    """Interpolate at (N,) abscissas, in the order of operations of `np.interp`, for `count` (K,) points; (K, N)."""
+    """Interpolate at (N,) abscissas, in the order of operations of `np.interp`, for `count` (K,) points; (K, N).
+
+    Abscissas are no NaN.
+    """
     found = np.empty((len(count), len(at)))
     for k in range(len(count)):
         last = count[k] - 1
         for n in range(len(at)):
             if not at[n] > places[k, 0]:
-                found[k, n] = values[k, 0] if at[n] == at[n] else at[n]
+                found[k, n] = values[k, 0]
                 continue
             if at[n] >= places[k, last]:
                 found[k, n] = values[k, last]
