@@ -148,7 +148,7 @@ class FrameSource(ABC):
 
     @property
     def staged(self) -> bool:
-        """Whether episodes are situations, which a driven car survives or does not."""
+        """True where episodes are situations, which a driven car survives or does not."""
         return False
 
     @property

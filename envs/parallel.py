@@ -291,7 +291,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     @property
     def has_default_reward(self) -> bool:
-        """Whether the option `reward` was left out: rewards are then of the reported tracks."""
+        """True if the option `reward` was left out: rewards are then of the reported tracks."""
         return self._rewards.is_default
 
     @property

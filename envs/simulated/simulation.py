@@ -92,7 +92,7 @@ class Simulation(FrameSource):
 
     @property
     def staged(self) -> bool:
-        """Whether the scenario has a script; see `FrameSource.staged`."""
+        """True if the scenario has a script; see `FrameSource.staged`."""
         return self._scenario.over_s is not None
 
     @property
