@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from coopsim.comms.channel.channel import ChannelCounts
-from coopsim.envs.drive_infos import DriveInfos
 from coopsim.envs.episode_scores import EpisodeScores
 from coopsim.envs.exchange import Exchange, make_uplinks, message_parts
-from coopsim.envs.frames import Frame, FrameProbe, FrameSource, actor_rows, truth_infos, with_lies
+from coopsim.envs.frames import Frame, FrameProbe, FrameSource, actor_rows
+from coopsim.envs.infos import EpisodeInfos
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.rewards import RewardOption, total
 from coopsim.envs.scoring import Rewards, ScoredView
@@ -88,6 +88,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
                 require_choice(f"agent in {option}", agent, source.specs)
         dt_s = next(iter(source.specs.values())).dt_s
         self._rewards = Rewards(reward, dt_s, drives=len(source.driven) > 0, specs=self.agent_specs)
+        self.has_default_reward = self._rewards.is_default  # rewards are then of the reported tracks
         self.possible_agents = list(source.specs)
         self.agents: list[str] = []
         self.render_mode = options.render_mode
@@ -108,7 +109,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._halfway = False  # a call began to change things and did not come to its end
         self._exchange: Exchange
         self._scores: EpisodeScores
-        self._drive_infos: DriveInfos
+        self._infos: EpisodeInfos
         self._observations: dict[str, Packed] = {}
         self._view = ScoredView()
 
@@ -192,10 +193,9 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._rewards.begin(self.agent_specs, self._options.match_iou, self._source.region_m, seed)
         self._view.begin(self.road_map, self._frame)
         observations = self._observe(self._frame)
-        self._drive_infos = DriveInfos(self._frame, staged=self._source.staged)
-        truth, own = self._truths(self._frame), self._drive_infos.of_frame(self._frame)
+        self._infos = EpisodeInfos(self._frame, self._options, staged=self._source.staged)
         told = {"seed": seed, **self._source.episode_infos}
-        infos = {name: {**told, **own[name], **truth.get(name, {})} for name in self.agents}
+        infos = self._infos.of_reset(self._frame, told, self._exchange.lies)
         self._show_if_human()
         self._halfway = False
         return observations, infos
@@ -227,10 +227,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self.agents = [] if frame.last else list(frame.agents)
         parts = self._rewards.of_step(counts, over, frame)
         rewards = {name: total(each) for name, each in parts.items()}
-        truth, own = self._truths(frame), self._drive_infos.of_step(over, frame, parts)
-        infos = {
-            name: {"counts": counts[name].as_dict(), **own.get(name, {}), **truth.get(name, {})} for name in counts
-        }
+        infos = self._infos.of_step(over, frame, counts, parts, self._exchange.lies)
         self._show_if_human()
         crashed = dict.fromkeys(counts, frame.crashed)
         truncated = dict.fromkeys(counts, frame.last and not frame.crashed)
@@ -288,11 +285,6 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         """Logs of the drives, by the agents whose cars a planner or the action drives."""
         self._current()
         return self._scores.drives
-
-    @property
-    def has_default_reward(self) -> bool:
-        """True if the option `reward` was left out: rewards are then of the reported tracks."""
-        return self._rewards.is_default
 
     @property
     def cars(self) -> dict[str, CarState]:
@@ -400,12 +392,6 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._observations = self._source.format.pack_all(received)
         self._rewards.hear(frame, received, self._exchange.sent_bytes)
         return dict(self._observations)
-
-    def _truths(self, frame: Frame) -> dict[str, dict[str, Any]]:
-        """Return the truth around each agent, where the environment was made to expose it."""
-        if not self._options.expose_ground_truth:
-            return {}
-        return with_lies(truth_infos(frame, visibility=self._options.expose_visibility), self._exchange.lies)
 
     def _show_if_human(self) -> None:
         if self.render_mode == "human":
