@@ -154,6 +154,10 @@ class CrowdedWarning(UserWarning):
     """There is no space for all requested actors; the message says how many there are instead."""
 
 
+class RewardWarning(UserWarning):
+    """The default reward is not of what the agent decides; the message says which one is."""
+
+
 def _shortened(message: str) -> str:
     """Return a message whose lines lack their middle if they are too long, as where they show a stranger's value."""
     return message if len(message) <= _LONGEST else "\n".join(map(_shortened_line, message.split("\n")))

@@ -53,7 +53,7 @@ class EpisodeScores:
 
     def update(self, frame: Frame, tracks: Mapping[str, Tracks], lies: Sequence[Lie]) -> dict[str, FrameCounts]:
         """Log the tracks that agents report for a frame, each in the agent's base frame, beside the frame's lies."""
-        region = None if self._region_m is None else np.array(self._region_m)
+        region = None if self._region_m is None or not self._deceptions else np.array(self._region_m)
         for name, log in self._deceptions.items():
             if name in frame.agents:
                 agent = frame.agents[name]

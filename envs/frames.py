@@ -33,7 +33,7 @@ class AgentFrame:
         truth: all objects but the agent itself, in its base frame; `truth.counts` are those of its score.
         instances: per sweep, the id of the actor behind each point; for training only.
         segmentation: per camera, the image in the modes that are truth; for training only.
-        car: the car's own motion and its way ahead, where a planner or accelerations drive it; else None.
+        car: the car's own motion and its way ahead, where a planner or the action drives it; else None.
         command_m_s2: acceleration that was asked for in the step to this frame; NaN: none was.
     """
 
@@ -72,7 +72,8 @@ class Frame:
         actors: everything that is there, in the world frame (for pictures and `state()`).
         last: there is no frame after this one.
         probe: measurements that are made when asked for.
-        crashed: it is the last one because a driven car has crashed.
+        end: why it is the last one, if it is: "crash" (of a driven car), "situation over", "recording over" or
+            "max_cycles".
     """
 
     time_ns: int
@@ -80,7 +81,12 @@ class Frame:
     actors: Actors
     last: bool = False
     probe: FrameProbe = field(default_factory=FrameProbe)
-    crashed: bool = False
+    end: str = "max_cycles"
+
+    @property
+    def crashed(self) -> bool:
+        """It is the last one because a driven car has crashed."""
+        return self.last and self.end == "crash"
 
 
 class FrameSource(ABC):
@@ -141,6 +147,11 @@ class FrameSource(ABC):
     def driven(self) -> tuple[str, ...]:
         """Names of the agents whose frames have the state of a driven car; empty where there are none."""
         return ()
+
+    @property
+    def staged(self) -> bool:
+        """True where episodes are situations, which a driven car survives or does not."""
+        return False
 
     @property
     def conflicts(self) -> tuple[int, ...]:

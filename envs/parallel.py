@@ -24,9 +24,10 @@ from pettingzoo import ParallelEnv
 from coopsim.comms.channel.channel import ChannelCounts
 from coopsim.envs.episode_scores import EpisodeScores
 from coopsim.envs.exchange import Exchange, make_uplinks, message_parts
-from coopsim.envs.frames import Frame, FrameProbe, FrameSource, actor_rows, truth_infos, with_lies
+from coopsim.envs.frames import Frame, FrameProbe, FrameSource, actor_rows
+from coopsim.envs.infos import EpisodeInfos
 from coopsim.envs.options import CommonOptions
-from coopsim.envs.rewards import RewardOption
+from coopsim.envs.rewards import RewardOption, total
 from coopsim.envs.scoring import Rewards, ScoredView
 from coopsim.errors import EpisodeStateError, InvalidValueError, RecordingError, UnknownNameError
 from coopsim.metrics.drive_log import DriveLog
@@ -87,6 +88,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
                 require_choice(f"agent in {option}", agent, source.specs)
         dt_s = next(iter(source.specs.values())).dt_s
         self._rewards = Rewards(reward, dt_s, drives=len(source.driven) > 0, specs=self.agent_specs)
+        self.has_default_reward = self._rewards.is_default  # rewards are then of the reported tracks
         self.possible_agents = list(source.specs)
         self.agents: list[str] = []
         self.render_mode = options.render_mode
@@ -105,6 +107,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._halfway = False  # a call began to change things and did not come to its end
         self._exchange: Exchange
         self._scores: EpisodeScores
+        self._infos: EpisodeInfos
         self._observations: dict[str, Packed] = {}
         self._view = ScoredView(options.render_tracks == "all")
 
@@ -189,8 +192,9 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._rewards.begin(self.agent_specs, self._options.match_iou, self._source.region_m, seed)
         self._view.begin(self.road_map, self._frame)
         observations = self._observe(self._frame)
-        truth = self._truths(self._frame)
-        infos = {name: {"seed": seed, **self._source.episode_infos, **truth.get(name, {})} for name in self.agents}
+        self._infos = EpisodeInfos(self._frame, self._options, staged=self._source.staged)
+        told = {"seed": seed, **self._source.episode_infos}
+        infos = self._infos.of_reset(self._frame, told, self._exchange.lies)
         self._show_if_human()
         self._halfway = False
         return observations, infos
@@ -221,9 +225,9 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._scores.note_drives(over, tracks, frame)
         observations = self._observe(frame)
         self.agents = [] if frame.last else list(frame.agents)
-        rewards = self._rewards.of_step(counts, over, frame)
-        truth = self._truths(frame)
-        infos = {name: {"counts": counts[name].as_dict(), **truth.get(name, {})} for name in counts}
+        parts = self._rewards.of_step(counts, over, frame)
+        rewards = {name: total(each) for name, each in parts.items()}
+        infos = self._infos.of_step(over, frame, counts, parts, self._exchange.lies)
         self._show_if_human()
         crashed = dict.fromkeys(counts, frame.crashed)
         truncated = dict.fromkeys(counts, frame.last and not frame.crashed)
@@ -278,13 +282,13 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     @property
     def drives(self) -> dict[str, DriveLog]:
-        """Logs of the drives, by the agents whose cars a planner or accelerations drive."""
+        """Logs of the drives, by the agents whose cars a planner or the action drives."""
         self._current()
         return self._scores.drives
 
     @property
     def cars(self) -> dict[str, CarState]:
-        """States of the cars that a planner or accelerations drive, by agent: what their drivers know of them."""
+        """States of the cars that a planner or the action drives, by agent: what their drivers know of them."""
         return {name: agent.car for name, agent in self._current().agents.items() if agent.car is not None}
 
     @property
@@ -392,12 +396,6 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._observations = self._source.format.pack_all(received)
         self._rewards.hear(frame, received, self._exchange.sent_bytes)
         return dict(self._observations)
-
-    def _truths(self, frame: Frame) -> dict[str, dict[str, Any]]:
-        """Return the truth around each agent, where the environment was made to expose it."""
-        if not self._options.expose_ground_truth:
-            return {}
-        return with_lies(truth_infos(frame, visibility=self._options.expose_visibility), self._exchange.lies)
 
     def _show_if_human(self) -> None:
         if self.render_mode == "human":

@@ -157,7 +157,7 @@ class Replay(FrameSource):
             )
             for name in self.specs
         }
-        return Frame(time_ns, agents, _as_actors(truth, world_SE3_base), last=over)
+        return Frame(time_ns, agents, _as_actors(truth, world_SE3_base), over, end="recording over")
 
 
 def _as_actors(truth: GroundTruth, world_SE3_base: SE3) -> Actors:

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import warnings
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from functools import reduce
+from operator import add
+from typing import Any, ClassVar
 
 import numpy as np
 
 from coopsim.catalog import REWARDS
 from coopsim.config.spec import instantiate, parse_spec
 from coopsim.envs.message_gain import MessageGain
-from coopsim.errors import InvalidValueError
+from coopsim.errors import InvalidValueError, RewardWarning
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.evaluator import FrameCounts
 from coopsim.support.checks import require_non_negative
+from coopsim.support.methods import is_newer
 from coopsim.types.driving import CarState
 
 
@@ -62,11 +67,33 @@ class DriveStep:
 
 
 class DriveReward(ABC):
-    """A rule that turns one step of a driven car into its agent's reward. Agents that do not drive get 0."""
+    """A rule that turns one step of a driven car into its agent's reward. Agents that do not drive get 0.
+
+    A class may name the parts of which its reward is the sum. A subclass of it that overrides `__call__` alone is asked
+    for the whole.
+    """
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if is_newer(cls, "__call__", "parts"):
+            cls.parts = DriveReward.parts  # type: ignore[method-assign]
 
     @abstractmethod
     def __call__(self, step: DriveStep) -> float:
         """Return the reward for this step."""
+
+    def parts(self, step: DriveStep) -> dict[str, float]:
+        """Return the reward's parts by name, whose sum is the reward. By default there is one, `WHOLE`."""
+        return {WHOLE: self(step)}
+
+
+WHOLE = "reward"
+"""Name of the only part of a reward without parts."""
+
+
+def total(parts: Mapping[str, float]) -> float:
+    """Return the sum of a reward's parts in their order, the same bits with every Python; 0 without parts."""
+    return reduce(add, parts.values()) if parts else 0.0
 
 
 AnyReward = Reward | DriveReward | MessageGain
@@ -119,9 +146,16 @@ class SafeProgress(DriveReward):
 
     def __call__(self, step: DriveStep) -> float:
         """Return the reward for this step."""
+        return total(SafeProgress.parts(self, step))
+
+    def parts(self, step: DriveStep) -> dict[str, float]:
+        """Return the reward's parts: "progress" (s), "comfort" and "crash", of which the latter two are at most 0."""
         limit_m_s = max(float(step.before.route.speed_limit_m_s[0]), 0.1)
-        progress_s = min(step.progress_m / limit_m_s, step.dt_s)
-        return progress_s - self.comfort * self._discomfort(step) * step.dt_s - self.crash * step.crashes
+        return {
+            "progress": min(step.progress_m / limit_m_s, step.dt_s),
+            "comfort": 0.0 - self.comfort * self._discomfort(step) * step.dt_s,
+            "crash": 0.0 - self.crash * step.crashes,
+        }
 
     def _discomfort(self, step: DriveStep) -> float:
         """Return the discomfort of a step, in [0, 1]."""
@@ -129,6 +163,16 @@ class SafeProgress(DriveReward):
         bound = self.MOST_M_S2 if acceleration > 0 else self.LEAST_M_S2
         shares = (acceleration / bound, step.jerk_m_s3 / self.MOST_JERK_M_S3)
         return sum(min(share**2, 1.0) for share in shares) / len(shares)
+
+
+def warn_of_tracking_reward() -> None:
+    """Warn that a driver whose tracks a policy reports has no influence on the default reward. Python shows it once."""
+    warnings.warn(
+        'the default reward is "mota": it scores tracks, which the tracker reports, so a driver learns nothing by it; '
+        'choose reward="safe_progress", or reward="mota" where this is meant',
+        RewardWarning,
+        stacklevel=2,
+    )
 
 
 def make_reward(reward: RewardOption) -> AnyReward:

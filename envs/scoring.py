@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from coopsim.envs.frames import AgentFrame, Frame, world_points
 from coopsim.envs.message_gain import MessageGain, MessageGains
-from coopsim.envs.rewards import DriveReward, DriveStep, Reward, RewardOption, make_reward
+from coopsim.envs.rewards import WHOLE, DriveReward, DriveStep, Reward, RewardOption, make_reward
 from coopsim.errors import InvalidValueError
 from coopsim.metrics.evaluator import FrameCounts
 from coopsim.types import AgentSpec, Observation, Tracks
@@ -17,14 +17,20 @@ from coopsim.types.lies import Lie
 from coopsim.viz.bev import BevFrame, BevRenderer
 from coopsim.world.snapshot import RoadMap
 
+Parts = dict[str, float]
+"""Parts of a reward by name; their `total` is the reward, 0 without parts."""
+
 
 class Rewards:
     """Rewards of the steps of agents.
 
+    Attributes:
+        is_default: no reward was asked for.
+
     Args:
         reward: the option `reward`.
         dt_s: duration of a step.
-        drives: there are agents whose cars planners or accelerations drive.
+        drives: there are agents whose frames have the state of a driven car.
         specs: specs of the agents.
 
     Raises:
@@ -34,6 +40,7 @@ class Rewards:
 
     def __init__(self, reward: RewardOption, dt_s: float, *, drives: bool, specs: Mapping[str, AgentSpec]) -> None:
         self._reward, self._dt_s = make_reward(reward), dt_s
+        self.is_default = reward is None
         self._gains: MessageGains | None = None  # of the running episode, if the reward is of messages
         self._gained: Mapping[str, float] = {}  # by messages, of the step to the frame that was heard last
         if isinstance(self._reward, MessageGain):
@@ -41,7 +48,8 @@ class Rewards:
         drives_needed = isinstance(self._reward, MessageGain) and self._reward.metric == "braking"
         if (isinstance(self._reward, DriveReward) or drives_needed) and not drives:
             raise InvalidValueError(
-                f'reward {reward!r} is of driven cars: it needs a simulation with control="acceleration" or "planner"'
+                f"reward {reward!r} is of driven cars: it needs a simulation with "
+                'control="acceleration", "policy" or "planner" and traffic="arrays"'
             )
 
     def begin(
@@ -58,21 +66,21 @@ class Rewards:
         if self._gains is not None:
             self._gained = self._gains.step(frame, received, sent_bytes())
 
-    def of_step(self, counts: Mapping[str, FrameCounts], before: Frame, after: Frame) -> dict[str, float]:
-        """Return the rewards of the step between two frames, of the agents that have counts."""
-        rewards = {name: self._of(each, before.agents[name], after.agents.get(name)) for name, each in counts.items()}
-        return rewards | {name: value for name, value in self._gained.items() if name in rewards}
+    def of_step(self, counts: Mapping[str, FrameCounts], before: Frame, after: Frame) -> dict[str, Parts]:
+        """Return the parts of the rewards of the step between two frames, by the agents that have counts."""
+        parts = {name: self._of(each, before.agents[name], after.agents.get(name)) for name, each in counts.items()}
+        return parts | {name: {WHOLE: value} for name, value in self._gained.items() if name in parts}
 
-    def _of(self, counts: FrameCounts, before: AgentFrame, after: AgentFrame | None) -> float:
-        """Return the reward of an agent's step between two frames; in the second it may be gone."""
+    def _of(self, counts: FrameCounts, before: AgentFrame, after: AgentFrame | None) -> Parts:
+        """Return the parts of the reward of an agent's step between two frames; in the second it may be gone."""
         if isinstance(self._reward, MessageGain):
-            return 0.0  # an agent that is gone; `_gained` tells the others'
+            return {}  # an agent that is gone; `_gained` tells the others'
         if isinstance(self._reward, Reward):
-            return self._reward(counts)
+            return {WHOLE: self._reward(counts)}
         if before.car is None or after is None or after.car is None:
-            return 0.0
+            return {}
         moved = before.body.world_SE3_base.inverse().apply(after.body.world_SE3_base.translation)[:2]
-        return self._reward(DriveStep(counts, self._dt_s, before.car, after.car, moved))
+        return self._reward.parts(DriveStep(counts, self._dt_s, before.car, after.car, moved))
 
 
 class ScoredView:

@@ -173,7 +173,8 @@ class SensorReplay(FrameSource):
         images = {name: self._images(name, agent, over=over) for name, agent in frame.agents.items()}
         returns = returns_of(actors, bodies, sweeps)
         agents = self._perception.frames(time_ns, bodies, actors, returns, sweeps, images, sensed=not over)
-        return Frame(time_ns, agents, actors, over, PictureProbe(frame))
+        end = "recording over" if self._frames == len(self._scenes) else "max_cycles"
+        return Frame(time_ns, agents, actors, over, PictureProbe(frame), end)
 
     def _usual_specs(self) -> dict[str, AgentSpec]:
         """Return the specs of all agents that ever appear; with cameras, from the first frame of a sequence of each."""

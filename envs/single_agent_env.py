@@ -12,13 +12,16 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from coopsim.agents.policy import Policy
+from coopsim.envs.ego_step import EgoStep
 from coopsim.envs.frames import TRUTH_INFOS
 from coopsim.envs.parallel import CooperativeEnv
+from coopsim.envs.rewards import warn_of_tracking_reward
 from coopsim.envs.roles import Others, PolicyLike, Roles, make_provided
 from coopsim.errors import CoopsimError, EpisodeStateError, InvalidActionError, InvalidValueError
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import derived_seed, require_seed
 from coopsim.types import AgentSpec, Tracks
+from coopsim.viz.caption import with_caption
 from coopsim.wire.actions import MESSAGE, act_of, idle, pack_tracks, unpack_action
 
 Packed = dict[str, Any]
@@ -95,6 +98,8 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         except CoopsimError:
             self.parallel.close()
             raise
+        if tracker is not None and specs[self.ego].command is not None and self.parallel.has_default_reward:
+            warn_of_tracking_reward()
         if broadcasts is not None:
             broadcasts.by_agent = {name: each for name, each in self.policies.items() if each.needs.uplink != "none"}
         self._hides_truth = any(each.needs.truth for each in self.policies.values()) and not options.get(
@@ -112,6 +117,7 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         self._present: tuple[str, ...] = ()
         self._infos: dict[str, dict[str, Any]] = {}
         self._policies_actions: dict[str, Packed] | None = None
+        self._shown: EgoStep
         self._refusal: str | None = "there is no episode yet: call reset first"
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Packed, dict[str, Any]]:
@@ -137,6 +143,7 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
             raise EpisodeStateError(f"{self.ego} is not in the episode's first frame: {sorted(observations)} are")
         self._observations, self._policies_actions, self._refusal = observations, None, None
         self._present, self._infos = tuple(observations), infos
+        self._show()
         return self._own(observations[self.ego]), self._told(infos[self.ego])
 
     def step(self, action: Any) -> tuple[Packed, float, bool, bool, dict[str, Any]]:
@@ -153,7 +160,9 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
             raise EpisodeStateError(self._refusal)
         policies_actions = self._ask_policies()
         actions = policies_actions | {self.ego: self._whole(action, policies_actions)}
+        self._show()
         observations, rewards, terminations, truncations, infos = self.parallel.step(actions)
+        self._show(actions[self.ego], rewards[self.ego])
         self._observations, self._policies_actions = self._observations | observations, None
         self._present, self._infos = tuple(observations), infos
         terminated = terminations[self.ego]
@@ -176,12 +185,27 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         return unpack_action(agent, {"tracks": self._ask_policies()[agent]["tracks"]})[0]
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Draw the scene from above, about the ego; see `CooperativeEnv.render`."""
-        return self.parallel.render(self.ego)
+        """Draw the scene about the ego, see `CooperativeEnv.render`, with its speed, its action and its reward.
+
+        They are of the frame that is shown. A window (`render_mode="human"`) has no caption.
+        """
+        picture = self.parallel.render(self.ego)
+        return None if picture is None else with_caption(picture, self._shown.lines)
 
     def close(self) -> None:
         """Close the window and release the sensors' resources."""
         self.parallel.close()
+
+    def _show(self, action: Packed | None = None, reward: float | None = None) -> None:
+        """Note the ego's car in the current frame, before its step, or the action and reward of the step, after it."""
+        if self.render_mode != "rgb_array":
+            return
+        if action is None:
+            self._shown = EgoStep(self.ego, self.parallel.cars.get(self.ego))
+            return
+        command = self.parallel.agent_specs[self.ego].command
+        given = None if command is None else np.asarray(action[command]).item()
+        self._shown = EgoStep(self.ego, self._shown.car, given, reward)
 
     def _next_seed(self) -> int:
         usual = self.parallel.default_seed

@@ -18,7 +18,7 @@ class Drive(gymnasium.Wrapper):
         return observation, observation["odometry"][0], terminated, truncated, info
 
 
-roles = {"ego": "cav_0", "tracker": "late_fusion", "others": "late_fusion"}
+roles = {"ego": "cav_0", "tracker": "late_fusion", "others": "late_fusion", "reward": "mota"}
 env = Drive(gymnasium.make("coopsim/crossing-v2", **roles, control="policy", lidar=None, max_cycles=25))
 
 

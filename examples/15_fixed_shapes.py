@@ -17,7 +17,7 @@ def play(env):
 
 
 # The agents drive, a policy tracks: an action is a maneuver.
-env = coopsim.parallel_env("crossing", control="policy", **SMALL)
+env = coopsim.parallel_env("crossing", control="policy", reward="safe_progress", **SMALL)
 rows = play(FixedSize(Driving(env, tracker="late_fusion"), detections=16, messages=4, received=8))
 for name, array in rows.items():
     print(f"{name:16} {array.shape}")

@@ -25,7 +25,7 @@ class Drive(gymnasium.Wrapper):
 def make():
     """Make the environment of one car that learns; the others follow late fusion."""
     roles = {"ego": "cav_0", "tracker": "late_fusion", "others": "late_fusion", "control": "policy"}
-    env = coopsim.single_env("crossing", **roles, lidar=None, vehicles=10, max_cycles=16)
+    env = coopsim.single_env("crossing", **roles, reward="mota", lidar=None, vehicles=10, max_cycles=16)
     return Monitor(Flatten(FixedSize(Drive(env), detections=8, messages=2, received=4)))
 
 

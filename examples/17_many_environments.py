@@ -8,7 +8,7 @@ from coopsim.envs.wrappers import FixedSize, Flatten
 options = {"lidar": None, "max_cycles": 5, "detector": "simulated", "seed": 1}
 
 # One car of each environment learns to drive, and what it observes is one array: a gymnasium VectorEnv.
-one = {"agents": "single", "tracker": "late_fusion", "others": "late_fusion", "control": "policy"}
+one = {"agents": "single", "tracker": "late_fusion", "others": "late_fusion", "control": "policy", "reward": "mota"}
 with coopsim.vector("crossing", 4, workers=2, wrap=[FixedSize, Flatten], **one, **options) as learners:
     print(learners.observation_space.shape, learners.action_space)
     observations, infos = learners.reset()

@@ -115,6 +115,8 @@ class OracleDetector(DetectorBase, ABC):
 
 def split_by_agent(detections: Detections, agents: Sequence[str], owner: Ints) -> dict[str, Detections]:
     """Split N detections of all agents, whose numbers are `owner` (N,), by agent; each agent's keep their order."""
+    if len(agents) == 1:
+        return {agents[0]: detections}
     ordered = detections[np.argsort(owner, kind="stable")]
     end = np.cumsum(np.bincount(owner, minlength=len(agents))).tolist()
     return {agent: ordered[begin:stop] for agent, begin, stop in zip(agents, [0, *end], end, strict=False)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,16 +66,18 @@ class Route:
         Args:
             points: (M, 2) m in the car's base frame.
         """
-        nearest = _nearest(np.ascontiguousarray(points), self.points)
-        tangent, offset = self.tangents[nearest], points - self.points[nearest]
-        along = nearest * self.spacing_m + np.einsum("md,md->m", offset, tangent)
-        return along, tangent[:, 0] * offset[:, 1] - tangent[:, 1] * offset[:, 0], nearest
+        along, aside, nearest = _place(np.ascontiguousarray(points), self.points, self.spacing_m)
+        return along, aside, nearest
 
 
 @njit(cache=True, nogil=True)
-def _nearest(points: Floats, line: Floats) -> Ints:
-    """Return the number of the nearest point of a line (K, 2), the first of equals, for each of the points (M, 2)."""
-    nearest = np.zeros(len(points), np.int64)
+def _place(points: Floats, line: Floats, spacing_m: float) -> tuple[Floats, Floats, Ints]:
+    """Return the distances (M,) along a line (K, 2) and to its left, and the nearest points (M,), for points (M, 2).
+
+    Of equally near points the first counts. Beyond its last point the line goes straight on, see `Route.tangents`.
+    """
+    along, aside, nearest = np.empty(len(points)), np.empty(len(points)), np.zeros(len(points), np.int64)
+    last = len(line) - 1
     for m in range(len(points)):
         least = np.inf
         for k in range(len(line)):
@@ -82,7 +85,17 @@ def _nearest(points: Floats, line: Floats) -> Ints:
             apart = x * x + y * y
             if apart < least:
                 least, nearest[m] = apart, k
-    return nearest
+        at = nearest[m]
+        if at < last:
+            x, y = line[at + 1, 0] - line[at, 0], line[at + 1, 1] - line[at, 1]
+        else:
+            x, y = 2 * line[at, 0] - line[at - 1, 0] - line[at, 0], 2 * line[at, 1] - line[at - 1, 1] - line[at, 1]
+        long = max(math.hypot(x, y), 1e-9)
+        x, y = x / long, y / long
+        right, up = points[m, 0] - line[at, 0], points[m, 1] - line[at, 1]
+        along[m] = at * spacing_m + (right * x + up * y)
+        aside[m] = x * up - y * right
+    return along, aside, nearest
 
 
 @dataclass(frozen=True, slots=True, eq=False)

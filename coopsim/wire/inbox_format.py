@@ -22,6 +22,15 @@ from coopsim.types.messages import stranger, stranger_number
 _NUMBERS = ("sender", "codec", "captured_ns", "payload_bytes")
 
 
+_NOTHING: Mapping[str, NDArray[Any]] = {
+    **{name: np.zeros(0, np.int64) for name in ("sender", "codec", "captured_ns")},
+    "pose": np.zeros((0, 4)),
+    "payload_bytes": np.zeros(0, np.int64),
+}
+_NO_COVARIANCES: Mapping[str, NDArray[Any]] = {"pose_covariance": np.zeros((0, 3, 3))}
+"""Columns of no messages."""
+
+
 class InboxPacker:
     """Packer of the inboxes of one frame.
 
@@ -30,6 +39,9 @@ class InboxPacker:
     """
 
     def __init__(self, agents: Sequence[str], messages: Sequence[Message], *, covariances: bool) -> None:
+        self._columns: dict[str, NDArray[Any]] = {**_NOTHING, **(_NO_COVARIANCES if covariances else {})}
+        if not messages:
+            return
         distinct = list({id(message): message for message in messages}.values())
         number = {name: row for row, name in enumerate(agents)}
         for name in {message.sender for message in distinct} - number.keys():
@@ -37,7 +49,7 @@ class InboxPacker:
         codec = {name: row for row, name in enumerate(CODECS.names())}
         self._kept = distinct  # an id is a message's own only while the message lives
         self._row = {id(message): row for row, message in enumerate(distinct)}
-        self._columns: dict[str, NDArray[Any]] = {
+        self._columns = {
             "sender": np.array([number[message.sender] for message in distinct], dtype=np.int64),
             "codec": np.array([codec[message.codec] for message in distinct], dtype=np.int64),
             "captured_ns": np.array([message.captured_ns for message in distinct], dtype=np.int64),
@@ -49,6 +61,9 @@ class InboxPacker:
 
     def pack(self, inbox: Sequence[Message]) -> dict[str, Any]:
         """Return the entries of one receiver's observation: its messages' numbers, and their payloads end to end."""
+        if not inbox:
+            heads = {name: column[:0].copy() for name, column in self._columns.items()}
+            return {"inbox": heads, "inbox_payload": np.zeros((0, 1), np.uint8)}
         rows = np.array([self._row[id(message)] for message in inbox], dtype=np.int64)
         heads = {name: column[rows] for name, column in self._columns.items()}
         payload = np.frombuffer(b"".join([message.payload for message in inbox]), dtype=np.uint8)

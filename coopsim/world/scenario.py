@@ -84,6 +84,11 @@ class Scenario:
         """The shapes that actors may have: many more in full detail."""
         return make_models(varied=self.detail != "plain", at_rest=self.detail == "street")
 
+    @property
+    def over_s(self) -> float | None:
+        """The time at which the situation is over; None without a script."""
+        return None if self.script is None else self.script.over_s
+
     def _require_at_most(self, most: int, *names: str) -> None:
         for name in names:
             if getattr(self.population, name) > most:

@@ -58,24 +58,25 @@ class Actors:
         if not ((self.phase >= 0) & (self.phase < 1)).all():
             raise InvalidValueError("phase must be in [0, 1)")
 
-    def __len__(self) -> int:
-        return len(self.boxes)
-
-    def __getitem__(self, index: slice | NDArray[Any]) -> Actors:
-        return self._changed(**{name: getattr(self, name)[index] for name in self.__slots__})
-
-    def moved(self, rows: Ints, boxes: Boxes3D, velocity: Floats) -> Actors:
-        """Return the actors of these rows (N,), which may repeat, with other boxes (N) and velocities (N, 2)."""
-        rest = [name for name in self.__slots__ if name not in ("boxes", "velocity")]
-        return self._changed(boxes=boxes, velocity=velocity, **{name: getattr(self, name)[rows] for name in rest})
-
-    def _changed(self, boxes: Boxes3D, **columns: NDArray[Any]) -> Actors:
-        """Make actors without a check, of boxes and of rows of arrays that have been checked."""
-        actors = object.__new__(Actors)
+    @classmethod
+    def trusted(cls, boxes: Boxes3D, **columns: NDArray[Any]) -> Actors:
+        """Make actors without a check, of boxes and all other columns as new arrays that are known to fit."""
+        actors = object.__new__(cls)
         object.__setattr__(actors, "boxes", boxes)
         for name, column in columns.items():
             object.__setattr__(actors, name, sealed(column))
         return actors
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+    def __getitem__(self, index: slice | NDArray[Any]) -> Actors:
+        return Actors.trusted(**{name: getattr(self, name)[index] for name in self.__slots__})
+
+    def moved(self, rows: Ints, boxes: Boxes3D, velocity: Floats) -> Actors:
+        """Return the actors of these rows (N,), which may repeat, with other boxes (N) and velocities (N, 2)."""
+        rest = [name for name in self.__slots__ if name not in ("boxes", "velocity")]
+        return Actors.trusted(boxes, velocity=velocity, **{name: getattr(self, name)[rows] for name in rest})
 
     @classmethod
     def concatenate(cls, parts: Sequence[Actors]) -> Actors:

@@ -145,14 +145,22 @@ class World:
         velocity = np.concatenate([fleet.velocity, *(people.velocity for people in groups.values()), still])
         runs = [(first, len(each)) for first, each in groups.items()] + [(BYSTANDER_ID, len(resting))]
         identity = np.concatenate([fleet.rows["id"], *(first + np.arange(count) for first, count in runs)])
-        middle = np.column_stack([ground, self._heights(ground) + size[:, 2] / 2])
-        boxes = Boxes3D(middle, size, wrap_angle(yaw))
+        middle = np.empty((len(ground), 3))
+        middle[:, :2], middle[:, 2] = ground, self._heights(ground) + size[:, 2] / 2
         # Only people, on foot and riding, have cycles of poses.
         walked_m = [people.travelled_m for people in groups.values()]
         travelled_m = np.concatenate([np.zeros(len(fleet.rows)), *walked_m, np.zeros(len(resting))])
-        cycles = travelled_m / self._cycles_m[model]
         color, accent, start = self._drawn_for(identity, label)
-        return Actors(identity, boxes, velocity, label, model, color, accent, np.mod(cycles + start, 1.0))
+        return Actors.trusted(
+            Boxes3D.trusted(middle, size, wrap_angle(yaw)),
+            id=identity,
+            velocity=velocity,
+            label=label,
+            model=model,
+            color=color,
+            accent=accent,
+            phase=np.mod(travelled_m / self._cycles_m[model] + start, 1.0),
+        )
 
     def _heights(self, points: Floats) -> Floats:
         """Return the heights (N,) m of the ground at points (N, 2) m."""
@@ -169,9 +177,11 @@ class World:
     def agents(self) -> dict[str, AgentBody]:
         """Return connected cars, then roadside units, then drones."""
         bodies: dict[str, AgentBody] = {}
-        cars = self._traffic.fleet.rows[list(self._traffic.connected)]
-        middle = np.column_stack([cars["x"], cars["y"]])
-        at = np.column_stack([middle, self._heights(middle), cars["heading"]])
+        rows, connected = self._traffic.fleet.rows, list(self._traffic.connected)
+        cars = {name: rows[name][connected] for name in ("id", "x", "y", "heading", "model")}
+        at = np.empty((len(connected), 4))
+        at[:, 0], at[:, 1], at[:, 3] = cars["x"], cars["y"], cars["heading"]
+        at[:, 2] = self._heights(at[:, :2])
         poses, heights_m = SE3Batch.from_xyz_yaw(at), self._sizes_m[cars["model"], 2].tolist()
         for k, (actor, height_m) in enumerate(zip(cars["id"].tolist(), heights_m, strict=True)):
             bodies[f"cav_{k}"] = AgentBody(f"cav_{k}", "cav", actor, poses[k], height_m)
@@ -191,9 +201,11 @@ class World:
     def car_ahead(self, name: str) -> CarState:
         """Return the motion of a connected car and the way ahead of it, as its driver knows them."""
         number = _number(name)
-        row = self.fleet.rows[self._traffic.connected[number]]
-        speed, acceleration, length, width = (float(row[key]) for key in ("speed", "acceleration", "length", "width"))
-        return CarState(speed, acceleration, length, width, bool(row["crashed"]), self._traffic.way_ahead(number))
+        rows, k = self.fleet.rows, self._traffic.connected[number]
+        speed, acceleration, length, width = (
+            float(rows[key][k]) for key in ("speed", "acceleration", "length", "width")
+        )
+        return CarState(speed, acceleration, length, width, bool(rows["crashed"][k]), self._traffic.way_ahead(number))
 
     def crashed(self) -> tuple[int, ...]:
         """Return the ids of crashed vehicles, which stay where they are, as obstacles."""

@@ -75,7 +75,7 @@ class Simulation(FrameSource):
         if self._options.record is not None:
             world = RecordedWorld(world, self._options.record, self._scenario, seed, self._options.dt_s)
         self.specs, self.road_map = self._specify(world.agents()), world.map
-        self._episode = SimulatedEpisode(self._options, self._equipment, world, self.specs, seed)
+        self._episode = SimulatedEpisode(self._options, self._equipment, world, self.specs, seed, self._scenario.over_s)
         self._conflicts = made.conflict_ids if isinstance(made, World) else ()
         if isinstance(made, World) and self._driven:
             self._episode.let_drive(made, self._driven)
@@ -87,8 +87,13 @@ class Simulation(FrameSource):
 
     @property
     def driven(self) -> tuple[str, ...]:
-        """Names of the cars that a planner or accelerations drive; see `FrameSource.driven`."""
-        return () if self._options.control == "policy" else self._driven
+        """Names of the cars that a planner or the action drives; see `FrameSource.driven`."""
+        return self._driven if self._options.traffic == "arrays" else ()
+
+    @property
+    def staged(self) -> bool:
+        """True if the scenario has a script; see `FrameSource.staged`."""
+        return self._scenario.over_s is not None
 
     @property
     def episode_infos(self) -> dict[str, Any]:
@@ -145,8 +150,10 @@ class SimulatedEpisode:
         world: WorldSource,
         specs: Mapping[str, AgentSpec],
         seed: int,
+        over_s: float | None,
     ) -> None:
         self._options, self._equipment, self._world, self._specs = options, equipment, world, specs
+        self._over_s = over_s  # when a situation is over
         self._geometry = SceneGeometry(world.models, world.static)
         self._lidars = self._lidar_sensing(specs, seed)
         self._perception = Perception(options, specs, seed)
@@ -192,19 +199,27 @@ class SimulatedEpisode:
             images = {name: self._equipment.blank_images(name) for name in bodies}
         returns = self._returns(actors)
         frames = self._perception.frames(time_ns, bodies, actors, returns, sweeps, images, sensed=sensed)
-        segmented = {name: replace(each, segmentation=images.get(name, {})) for name, each in frames.items()}
-        agents = segmented | self._driven_frames(segmented)
+        if images:
+            frames = {name: replace(each, segmentation=images.get(name, {})) for name, each in frames.items()}
+        agents = frames | self._driven_frames(frames)
         crashed = self._options.ends_on_crash and self._any_crashed(bodies)
         last = crashed or self._cycle >= self._options.max_cycles
-        self._frame = Frame(time_ns, agents, actors, last, probe, crashed)
+        self._frame = Frame(time_ns, agents, actors, last, probe, "crash" if crashed else self._end)
         return self._frame
 
+    @property
+    def _end(self) -> str:
+        """Return why the episode would end now, without a crash."""
+        over = self._over_s is not None and self._cycle * self._options.dt_s >= self._over_s - 1e-9
+        return "situation over" if over else "max_cycles"
+
     def _driven_frames(self, frames: Mapping[str, AgentFrame]) -> dict[str, AgentFrame]:
-        """Return the frames of driven cars with their states, except under "policy", which highway-env has, too."""
-        if self._cars is None or self._options.control == "policy":
+        """Return the frames of driven cars with their states, which highway-env's own objects lack."""
+        if self._cars is None or self._options.traffic != "arrays":
             return {}
+        asked = {} if self._options.control == "policy" else self._commands
         return {
-            name: replace(frames[name], car=self._cars.car_ahead(name), command_m_s2=self._commands.get(name, math.nan))
+            name: replace(frames[name], car=self._cars.car_ahead(name), command_m_s2=asked.get(name, math.nan))
             for name in self._driven
         }
 

@@ -6,7 +6,10 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+from pettingzoo import ParallelEnv
 
+from coopsim.agents.policy import Policy
+from coopsim.envs.rewards import warn_of_tracking_reward
 from coopsim.envs.wrappers.base_wrappers import ByAgent
 from coopsim.envs.wrappers.message_numbers import as_message, numbers_of
 from coopsim.envs.wrappers.tracked_by_policy import TrackedByPolicy
@@ -38,6 +41,11 @@ class Driving(TrackedByPolicy):
 
     _kind = "command"
     _needed = 'drive: make a simulation with control="policy" or "acceleration"'
+
+    def __init__(self, env: ParallelEnv[str, Any, Any], tracker: str | Policy = "late_fusion") -> None:
+        super().__init__(env, tracker)
+        if self._cooperative.has_default_reward:
+            warn_of_tracking_reward()
 
     def _chooses(self, spec: AgentSpec) -> bool:
         return spec.command is not None

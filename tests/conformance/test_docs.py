@@ -38,6 +38,7 @@ MAY_LACK = {
     "supersuit": "supersuit",
     "torchrl": "torchrl.envs",
     "ray": "ray.rllib.algorithms.ppo",
+    "moviepy": "moviepy",
 }
 """Libraries that a page may show and a machine may lack, and what must be there of them. A block that imports one
 stands by itself: it is left out where that is missing."""
@@ -64,11 +65,11 @@ def blocks(page: str, language: str) -> list[str]:
 
 
 def imported(block: str) -> set[str]:
-    """Top-level names of the modules that a block imports."""
+    """Top-level names of the modules that a block imports; gymnasium's `RecordVideo` imports MoviePy."""
     nodes = list(ast.walk(ast.parse(block)))
     names = [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
     names += [node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)]
-    return {name.split(".")[0] for name in names}
+    return {name.split(".")[0] for name in names} | ({"moviepy"} if "RecordVideo" in block else set())
 
 
 def lacks(block: str) -> bool:

@@ -170,6 +170,10 @@ class Channel:
         dropped.
         """
         wires = {message.sender: self._stamped(message) for message in messages if self._ticks(message.sender, now_ns)}
+        if len(positions) == 1 and not further:  # nobody hears it, and nobody waits for the medium
+            for sender, wire in wires.items():
+                self._broadcast_bytes[sender] += len(wire)
+            return
         besides = {name: [self._stamped(each, name) for each in sent] for name, sent in (further or {}).items()}
         sizes_bytes = {sender: len(wire) for sender, wire in wires.items()}
         for name, sent in besides.items():

@@ -15,10 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from coopsim.detection.simulated.curves import ClassConfusion, Curve, DetectionModel, ScoreModel, confuse, require_parts
+from coopsim.detection.simulated.curves import (
+    ClassConfusion,
+    Curve,
+    Curves,
+    DetectionModel,
+    ScoreModel,
+    confuse,
+    require_parts,
+)
 from coopsim.detection.simulated.persistence import Persistence, PersistentNormals, uniform_at
 from coopsim.errors import InvalidValueError
-from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.boxes import Boxes3D, in_region
 from coopsim.geometry.se3 import SE3, Floats, SE3Batch, wrap_angle
 from coopsim.support.checks import require_between, require_non_negative, require_positive
 from coopsim.support.kernels import njit
@@ -103,6 +111,7 @@ class Clutter:
         confusion: ClassConfusion | None = None,
     ) -> None:
         self._config = config
+        self._by_range = Curves(config.detection.probability, config.score.logit, config.score.spread)
         self._reach_m = np.asarray(reach_m, dtype=np.float64)
         kinds = (config.detection.persistence, config.score.persistence, *(Persistence() for _ in range(3)))
         self._normals = PersistentNormals(seed, [f"clutter of {agent}" for agent in agents], kinds, dt_s)
@@ -142,13 +151,13 @@ class Clutter:
         begin, ids, places_m, looks = _phantoms(at_m, self._around, lived, self._keys, self._share)
         row, center = _move(begin, places_m, base_SE3_world.rotation, base_SE3_world.translation)
         range_m = np.sqrt(center[:, 0] * center[:, 0] + center[:, 1] * center[:, 1])
-        near = np.flatnonzero((np.abs(center) <= self._reach_m).all(axis=1) & (range_m > room_m))
+        near = np.flatnonzero(in_region(center, self._reach_m) & (range_m > room_m))
         normals = self._normals.step(asked, begin, ids, near)
-        model = self._config.detection
-        reported, margin = model.decide(model.probability(range_m[near]), normals[:, 0])
+        probability, logit, spread = self._by_range(range_m[near])
+        reported, margin = self._config.detection.decide(probability, normals[:, 0])
         reported &= _is_free(center[near], row[near], start, solid_m, room_m)
         rows, normals = near[reported], normals[reported]
-        score = self._config.score.score(range_m[rows], margin[reported], normals[:, 1])
+        score = self._config.score.score_of(logit[reported], spread[reported], margin[reported], normals[:, 1])
         # Phantoms stand at the height 0, wherever those who see them are.
         floor_m = base_SE3_world.translation[row[rows], 2]
         boxes = self._boxes(center[rows], floor_m, looks[rows], self._config.jitter_m * normals[:, 2:])

@@ -17,6 +17,7 @@ from coopsim.detection.oracle import Oracle, OracleDetector, Oracles, split_by_a
 from coopsim.detection.simulated.clutter import Clutter, ClutterConfig
 from coopsim.detection.simulated.curves import (
     ClassConfusion,
+    Curves,
     DetectionModel,
     ErrorModel,
     LabelNoise,
@@ -25,7 +26,7 @@ from coopsim.detection.simulated.curves import (
 )
 from coopsim.detection.simulated.persistence import PersistentNormals
 from coopsim.errors import InvalidValueError, UnknownNameError
-from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.boxes import Boxes3D, in_region
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.support.checks import require_count, require_finite_number, require_instance, require_positive
 from coopsim.types import AgentSpec, Detections, Ints, SensorView
@@ -110,6 +111,11 @@ class CorrelatedDetector(OracleDetector):
     def __init__(self, config: CorrelatedDetectorConfig) -> None:
         require_parts(CorrelatedDetectorConfig, config=config)
         self.config = config
+        errors = [config.errors[name] for name in ERRORS]
+        medians, spreads = [each.median for each in errors], [each.spread for each in errors]
+        self._by_range = Curves(*medians, *spreads, config.score.logit, config.score.spread)
+        self._tails = np.array([each.tail for each in errors])[:, None]
+        self._reach_m = config.reach_m
         self._persistent = _PersistentErrors(config, 0, {})
 
     def begin(self, specs: Mapping[str, AgentSpec], seed: int) -> Self:
@@ -159,11 +165,12 @@ class CorrelatedDetector(OracleDetector):
 
         `returns` and reported `label` are (N,); `normals` (N, 9) are standard normal, of detection, score and `ERRORS`.
         """
-        range_m = np.linalg.norm(boxes.center[:, :2], axis=1)
-        disturbed = self._disturb(boxes, range_m, normals[:, 2:])
+        x, y = boxes.center[:, 0], boxes.center[:, 1]
+        *medians_and_spreads, logit, spread = self._by_range(np.sqrt(x * x + y * y))
+        disturbed = self._disturb(boxes, np.array(medians_and_spreads), normals[:, 2:])
         detected, margin = self.config.detection.decide(self.recall(returns), normals[:, 0])
-        detected &= (np.abs(disturbed.center[:, :2]) <= self.config.reach_m).all(axis=1)
-        score = self.config.score.score(range_m, margin, normals[:, 1])
+        detected &= in_region(disturbed.center, self._reach_m)
+        score = self.config.score.score_of(logit, spread, margin, normals[:, 1])
         return np.flatnonzero(detected), Detections(disturbed, score, label)[detected]
 
     def recall(self, returns: Ints) -> Floats:
@@ -171,18 +178,17 @@ class CorrelatedDetector(OracleDetector):
         probability = self.config.detection.probability(np.log(np.maximum(returns, 1)))
         return np.where(returns >= self.config.min_points, probability, 0.0)
 
-    def _disturb(self, boxes: Boxes3D, range_m: Floats, normals: Floats) -> Boxes3D:
-        error = {
-            name: self.config.errors[name].error(range_m, normal)
-            for name, normal in zip(ERRORS, normals.T, strict=True)
-        }
+    def _disturb(self, boxes: Boxes3D, curves: Floats, normals: Floats) -> Boxes3D:
+        """Return N boxes with errors, by the medians, then the spreads of all errors at their ranges (14, N)."""
+        normal = np.ascontiguousarray(normals.T)
+        error = curves[:7] + curves[7:] * normal * np.exp(self._tails * normal**2 / 2)  # as `ErrorModel.error`
         # A small object leaves less room to be wrong in: a person's box is not missed by a car's error.
         room = np.minimum(1.0, boxes.size[:, 0] / _CAR_LENGTH_M)
-        along, across = error["along"] * room, error["across"] * room
+        along, across = error[0] * room, error[1] * room
         cos, sin = np.cos(boxes.yaw), np.sin(boxes.yaw)
-        shift = np.column_stack([along * cos - across * sin, along * sin + across * cos, error["up"] * room])
-        grown = np.exp(np.column_stack([error[name] for name in ("length", "width", "height")]))
-        return Boxes3D(boxes.center + shift, boxes.size * grown, self._folded(boxes.yaw + error["yaw"]))
+        shift = np.array([along * cos - across * sin, along * sin + across * cos, error[2] * room])
+        shift, grown = np.ascontiguousarray(shift.T), np.ascontiguousarray(np.exp(error[3:6]).T)
+        return Boxes3D.trusted(boxes.center + shift, boxes.size * grown, self._folded(boxes.yaw + error[6]))
 
     def _folded(self, yaw: Floats) -> Floats:
         """Return headings (N,), folded into the half turn of `heading_from_rad` where there is one."""

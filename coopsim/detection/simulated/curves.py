@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,6 +15,7 @@ from coopsim.detection.simulated.persistence import Persistence, PersistentNorma
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between, require_choice, require_finite_number, require_probability
+from coopsim.support.kernels import njit
 from coopsim.types import Ints, Mask
 from coopsim.types.taxonomy import CLASS_NAMES
 
@@ -52,6 +54,46 @@ class Curve:
             require_between(least, most, **{name: value})
 
 
+class Curves:
+    """K curves over the same variable, evaluated together: the bits of each `Curve`, in a fraction of the time."""
+
+    def __init__(self, *curves: Curve) -> None:
+        self._count = np.array([len(curve.at) for curve in curves])
+        self._at = np.zeros((len(curves), int(self._count.max())))
+        self._value = np.zeros_like(self._at)
+        for k, curve in enumerate(curves):
+            self._at[k, : len(curve.at)], self._value[k, : len(curve.at)] = curve.at, curve.value
+
+    def __call__(self, at: Floats) -> Floats:
+        """Evaluate the functions at (N,) abscissas; returns (K, N)."""
+        values: Floats = _interpolate(at, self._count, self._at, self._value)
+        return values
+
+
+@njit(cache=True, nogil=True)
+def _interpolate(at: Floats, count: Ints, places: Floats, values: Floats) -> Floats:
+    """Interpolate at (N,) abscissas, in the order of operations of `np.interp`, for `count` (K,) points; (K, N).
+
+    Abscissas are no NaN.
+    """
+    found = np.empty((len(count), len(at)))
+    for k in range(len(count)):
+        last = count[k] - 1
+        for n in range(len(at)):
+            if not at[n] > places[k, 0]:
+                found[k, n] = values[k, 0]
+                continue
+            if at[n] >= places[k, last]:
+                found[k, n] = values[k, last]
+                continue
+            j = 0
+            while at[n] >= places[k, j + 1]:
+                j += 1
+            slope = (values[k, j + 1] - values[k, j]) / (places[k, j + 1] - places[k, j])
+            found[k, n] = values[k, j] if at[n] == places[k, j] else slope * (at[n] - places[k, j]) + values[k, j]
+    return found
+
+
 @dataclass(frozen=True, slots=True)
 class DetectionModel:
     """Model of the detection of an object (or a phantom) in a frame.
@@ -75,7 +117,8 @@ class DetectionModel:
         Returns the mask (N,) of detected objects, and a margin (N,), standard normal among the detected.
         """
         level = ndtr(-evidence)  # uniform; the smaller, the more evidence
-        margin: Floats = -ndtri(np.clip(level / np.maximum(probability, _EDGE), _EDGE, 1 - _EDGE))
+        share = level / np.maximum(probability, _EDGE)
+        margin: Floats = -ndtri(np.minimum(np.maximum(share, _EDGE), 1 - _EDGE))
         return level < probability, margin
 
 
@@ -106,8 +149,12 @@ class ScoreModel:
 
     def score(self, range_m: Floats, margin: Floats, normal: Floats) -> Floats:
         """Return scores (N,) from range, margin of detection and an independent standard normal number; each (N,)."""
-        mixed = self.margin_correlation * margin + np.sqrt(1 - self.margin_correlation**2) * normal
-        score: Floats = self.floor + (1 - self.floor) * expit(self.logit(range_m) + self.spread(range_m) * mixed)
+        return self.score_of(self.logit(range_m), self.spread(range_m), margin, normal)
+
+    def score_of(self, logit: Floats, spread: Floats, margin: Floats, normal: Floats) -> Floats:
+        """Return scores (N,) from the curves' values at the range, and as `score`."""
+        mixed = self.margin_correlation * margin + math.sqrt(1 - self.margin_correlation**2) * normal
+        score: Floats = self.floor + (1 - self.floor) * expit(logit + spread * mixed)
         return score
 
 

@@ -96,26 +96,16 @@ class PersistentNormals:
         """
         self._frame[asked] += 1
         ids = ids.copy()  # some are read-only, for which kernels would be compiled once more
-        owner = np.repeat(asked, np.diff(start))
-        frames, count = self._frame[owner], self._count
-        place = _find(asked, start, ids, self._known.start, self._known.ids)
-        walk = self._draw(owner, ids, frames, 0)
-        constant = np.empty((len(ids), count))
-        new = np.flatnonzero(place < 0)
-        if len(new):
-            constant[new] = self._draw(owner[new], ids[new], np.zeros(len(new), np.int64), 0)
-        lasting = _carry(
-            place, owner, walk, constant, self._known.constant, self._known.lasting, self._kept, self._fresh
+        known = self._known
+        owner, place, drawn = _draw(
+            self._keys, self._frame, self._count, asked, start, ids, wanted, known.start, known.ids
         )
-        self._known = self._known.replaced(asked, start, ids, constant, lasting)
-        white = self._draw(owner[wanted], ids[wanted], frames[wanted], count)
-        return _mix(self._weights, constant, lasting, wanted, white)
-
-    def _draw(self, owner: Ints, ids: Ints, frame: Ints, first: int) -> Floats:
-        """Draw the K of 2 K numbers from `first` on, for objects of a frame: (N, K), standard normal."""
-        drawn = _uniform(self._keys, owner, ids, frame, self._count, first)
-        normal: Floats = ndtri(drawn, out=drawn)
-        return normal
+        ndtri(drawn, out=drawn)
+        constant, lasting, mixed = _carry(
+            owner, place, drawn, wanted, known.constant, known.lasting, self._kept, self._fresh, self._weights
+        )
+        self._known = known.replaced(asked, start, ids, constant, lasting)
+        return mixed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,7 +121,7 @@ class _Known:
 
     def replaced(self, asked: Ints, start: Ints, ids: Ints, constant: Floats, lasting: Floats) -> _Known:
         """Return the objects with those of the owners `asked` replaced; arguments as of `PersistentNormals.step`."""
-        if np.array_equal(asked, np.arange(len(self.start) - 1)):
+        if len(asked) == len(self.start) - 1 and (asked == np.arange(len(asked))).all():
             return _Known(start, ids, constant, lasting)
         old, new = ((self.ids, self.constant, self.lasting), (ids, constant, lasting))
         parts = {k: [column[self.start[k] : self.start[k + 1]] for column in old] for k in range(len(self.start) - 1)}
@@ -141,65 +131,89 @@ class _Known:
 
 
 @njit(cache=True, nogil=True)
-def _find(asked: Ints, start: Ints, ids: Ints, known_start: Ints, known: Ints) -> Ints:
-    """Return the rows (N,) of objects among those `known` of their owners; -1 for objects that are not."""
-    place = np.full(len(ids), -1)
+def _draw(
+    keys: NDArray[np.uint64],
+    frame: Ints,
+    count: int,
+    asked: Ints,
+    start: Ints,
+    ids: Ints,
+    wanted: Ints,
+    known_start: Ints,
+    known: Ints,
+) -> tuple[Ints, Ints, Floats]:
+    """Draw the uniform numbers in (0, 1) of a frame: (N + N' + M, K), of `uniform_numbers`' 2 K columns.
+
+    The first N rows are of all objects, the next N' of those that were not `known`, the last M of those `wanted`. Also
+    returned are the owner (N,) of each object, and its row (N,) among those known of its owner; -1: it was not.
+    """
+    owner, place, found = np.empty(len(ids), np.int64), np.full(len(ids), -1), 0
     for row in range(len(asked)):
         first, end = known_start[asked[row]], known_start[asked[row] + 1]
         guess = first  # as the objects mostly come in the same order, each is looked for behind the one before
         for n in range(start[row], start[row + 1]):
+            owner[n] = asked[row]
             for _ in range(first, end):
                 guess = guess if guess < end else first
                 guess += 1
                 if known[guess - 1] == ids[n]:
                     place[n] = guess - 1
+                    found += 1
                     break
-    return place
+    drawn = np.empty((2 * len(ids) - found + len(wanted), count))
+    new = len(ids)
+    for n in range(len(ids)):
+        _fill(drawn[n], keys[owner[n]], ids[n], frame[owner[n]], 0)
+        if place[n] < 0:
+            _fill(drawn[new], keys[owner[n]], ids[n], 0, 0)
+            new += 1
+    for m in range(len(wanted)):
+        n = wanted[m]
+        _fill(drawn[new + m], keys[owner[n]], ids[n], frame[owner[n]], count)
+    return owner, place, drawn
 
 
 @njit(cache=True, nogil=True)
-def _uniform(keys: NDArray[np.uint64], owner: Ints, ids: Ints, frame: Ints, count: int, first: int) -> Floats:
-    """Return uniform numbers (N, K) in (0, 1): of `uniform_numbers`' 2 K columns those from `first` on."""
-    drawn = np.empty((len(ids), count))
-    for n in range(len(ids)):
-        place = np.uint64(ids[n] * _FRAMES + frame[n])
-        for column in range(count):
-            drawn[n, column] = _TINY + uniform_at(
-                keys[owner[n]], place, np.uint64(2 * count), np.uint64(first + column)
-            )
-    return drawn
+def _fill(drawn: Floats, key: np.uint64, identity: int, frame: int, first: int) -> None:
+    """Fill in uniform numbers (K,) in (0, 1) of an object in a frame: of 2 K columns those from `first` on."""
+    place = np.uint64(identity * _FRAMES + frame)
+    for column in range(len(drawn)):
+        drawn[column] = _TINY + uniform_at(key, place, np.uint64(2 * len(drawn)), np.uint64(first + column))
 
 
 @njit(cache=True, nogil=True)
 def _carry(
-    place: Ints,
     owner: Ints,
-    walk: Floats,
-    constant: Floats,
+    place: Ints,
+    normal: Floats,
+    wanted: Ints,
     old_constant: Floats,
     old_lasting: Floats,
     kept: Floats,
     fresh: Floats,
-) -> Floats:
-    """Return the autoregressive parts (N, K) in this frame; `constant` is filled where an object was known."""
-    lasting = np.empty_like(walk)
-    for n in range(len(place)):
-        for k in range(walk.shape[1]):
-            if place[n] < 0:
-                lasting[n, k] = walk[n, k]
-                continue
-            before = old_lasting[place[n], k]
+    weights: Floats,
+) -> tuple[Floats, Floats, Floats]:
+    """Return the constant and the autoregressive parts (N, K) in this frame, and the numbers (M, K) of those `wanted`.
+
+    Rows of `normal` are as `_draw` has them, by now standard normal.
+    """
+    count = normal.shape[1]
+    constant, lasting, mixed = (
+        np.empty((len(owner), count)),
+        np.empty((len(owner), count)),
+        np.empty((len(wanted), count)),
+    )
+    new = len(owner)
+    for n in range(len(owner)):
+        if place[n] < 0:
+            constant[n], lasting[n] = normal[new], normal[n]
+            new += 1
+            continue
+        for k in range(count):
             constant[n, k] = old_constant[place[n], k]
-            lasting[n, k] = kept[owner[n], k] * before + fresh[owner[n], k] * walk[n, k]
-    return lasting
-
-
-@njit(cache=True, nogil=True)
-def _mix(weights: Floats, constant: Floats, lasting: Floats, wanted: Ints, white: Floats) -> Floats:
-    """Return the weighted sums (M, K) of the three parts, of the rows `wanted` (M,)."""
-    mixed = np.empty_like(white)
+            lasting[n, k] = kept[owner[n], k] * old_lasting[place[n], k] + fresh[owner[n], k] * normal[n, k]
     for m in range(len(wanted)):
-        for k in range(white.shape[1]):
+        for k in range(count):
             parts = weights[0, k] * constant[wanted[m], k] + weights[1, k] * lasting[wanted[m], k]
-            mixed[m, k] = parts + weights[2, k] * white[m, k]
-    return mixed
+            mixed[m, k] = parts + weights[2, k] * normal[new + m, k]
+    return constant, lasting, mixed

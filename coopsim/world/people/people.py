@@ -163,7 +163,10 @@ class People:
         self.travelled_m += speed * dt_s
         walks = speed > 0.1
         self.yaw = np.where(walks, np.arctan2(self.velocity[:, 1], self.velocity[:, 0]), self.yaw)
-        self._held_s = self._held_for(dt_s, ~walks & ~waits & ~self._itinerary.leads_to_waiting(waits))
+        held = ~walks & ~waits
+        if held.any():
+            held &= ~self._itinerary.leads_to_waiting(waits)
+        self._held_s = self._held_for(dt_s, held)
         self._turn_at_ends(start, end)
         self._turn_back()
 
@@ -175,16 +178,21 @@ class People:
     def _turn_at_ends(self, start: Floats, end: Floats) -> None:
         # Everyone draws in every frame, arrived or not, so people's ways are independent.
         draw = self._rng.random(len(self))
-        to_go = ((end - self.position) * (end - start)).sum(axis=1)
-        arrived = (to_go <= 0) | (np.linalg.norm(end - self.position, axis=1) < _ARRIVED_M)
-        self._itinerary.go_on(arrived, draw)
-        self._goes = np.where(arrived, ~self._itinerary.crosses(), self._goes)
+        left, way = end - self.position, end - start
+        to_go = left[:, 0] * way[:, 0] + left[:, 1] * way[:, 1]
+        arrived = (to_go <= 0) | (np.sqrt(left[:, 0] * left[:, 0] + left[:, 1] * left[:, 1]) < _ARRIVED_M)
+        if arrived.any():
+            self._itinerary.go_on(arrived, draw)
+            self._goes = np.where(arrived, ~self._itinerary.crosses(), self._goes)
 
     def _turn_back(self) -> None:
         """Send people back who are held up on the road by a car, which may in turn be waiting for them."""
-        stuck = self._goes & self._itinerary.crosses() & (self._waited_s > PATIENCE_S)
-        self._itinerary.turn_back(stuck, self._rng.random(len(self)))
-        self._waited_s = np.where(stuck, 0.0, self._waited_s)
+        draw = self._rng.random(len(self))
+        waits_long = self._waited_s > PATIENCE_S
+        if waits_long.any():
+            stuck = self._goes & self._itinerary.crosses() & waits_long
+            self._itinerary.turn_back(stuck, draw)
+            self._waited_s = np.where(stuck, 0.0, self._waited_s)
 
     def _start_anew(self, chosen: Mask, rng: np.random.Generator) -> None:
         """Draw new starts for people of the mask (N,)."""
@@ -212,7 +220,8 @@ class People:
     def _is_safe(self, middle: Floats, fleet: Fleet) -> Mask:
         """Return the mask (N,) of places (N, 2) that no vehicle is at or about to reach."""
         hurried = self._hurried | (self._waited_s > PATIENCE_S)
-        direction = np.column_stack([np.cos(fleet.rows["heading"]), np.sin(fleet.rows["heading"])])
+        heading, direction = fleet.rows["heading"], np.empty((len(fleet.rows), 2))
+        direction[:, 0], direction[:, 1] = np.cos(heading), np.sin(heading)
         return np.asarray(is_safe(middle, np.where(hurried, HURRIED_GAP_S, GAP_S), fleet.rows, direction))
 
 

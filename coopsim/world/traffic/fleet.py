@@ -95,14 +95,17 @@ class Fleet:
     @property
     def position(self) -> Floats:
         """Centers (N, 2), m."""
-        return np.column_stack([self.rows["x"], self.rows["y"]])
+        position = np.empty((len(self.rows), 2))
+        position[:, 0], position[:, 1] = self.rows["x"], self.rows["y"]
+        return position
 
     @property
     def velocity(self) -> Floats:
         """Velocities (N, 2) of the centers, m/s, with the slip aside by steering, which highway-env's omits."""
         course = self.rows["heading"] + np.arctan(np.tan(self.rows["steering"]) / 2)
-        speed = self.rows["speed"]
-        return np.column_stack([np.cos(course) * speed, np.sin(course) * speed])
+        speed, velocity = self.rows["speed"], np.empty((len(self.rows), 2))
+        velocity[:, 0], velocity[:, 1] = np.cos(course) * speed, np.sin(course) * speed
+        return velocity
 
 
 def bodies_of(rows: NDArray[Any], people: NDArray[Any]) -> NDArray[Any]:

@@ -44,27 +44,30 @@ def way_ahead(network: LaneArrays, movements: Movements, rows: NDArray[Any], me:
         route: (K, 2) its row of `Fleet.routes`. Turns that it lacks are drawn, as the next step would.
     """
     count = round(REACH_M / SPACING_M) + 1
-    points, lanes = _points_ahead(network, rows, me, route, SPACING_M, count)
-    x, y, heading = rows[me]["x"], rows[me]["y"], rows[me]["heading"]
-    turned = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
-    at = network.lanes[lanes]
-    bend = np.where(at["kind"] == CIRCULAR, np.sqrt(LATERAL_M_S2 * at["radius"]), np.inf)
-    movement = movements.of_road[at["road"]]
-    roles = np.append(movements.role, 0)[movement]  # the last for roads that are no movement, -1
-    rights = np.select([roles == FIRST, roles == YIELDS], [HAS_PRIORITY, GIVES_WAY], NOBODY_FIRST)
-    return Route((points - [x, y]) @ turned, SPACING_M, np.minimum(at["speed_limit"], bend), rights)
+    ahead, limit_m_s, rights, heading = _points_ahead(network, movements, rows, me, route, SPACING_M, count)
+    cos, sin = np.cos(heading), np.sin(heading)
+    return Route(ahead @ np.array([[cos, -sin], [sin, cos]]), SPACING_M, limit_m_s, rights)
 
 
 @njit(cache=True, nogil=True)
 def _points_ahead(
-    network: LaneArrays, rows: NDArray[Any], me: int, route: Ints, spacing_m: float, count: int
-) -> tuple[Floats, Ints]:
-    """Return points (count, 2) m of the middle of the lanes ahead, and the lane of each."""
+    network: LaneArrays,
+    movements: Movements,
+    rows: NDArray[Any],
+    me: int,
+    route: Ints,
+    spacing_m: float,
+    count: int,
+) -> tuple[Floats, Floats, Ints, float]:
+    """Return points (count, 2) m of the middle of the lanes ahead, from the vehicle, in the axes of the world.
+
+    Also their legal and comfortable speeds (count,) m/s, their right of way (count,), and the vehicle's heading, rad.
+    """
     vehicle: Vehicle = rows[me]
     plan_ahead(network, vehicle, route)
     number, place = vehicle.target_lane, 0
     along, _ = local_coordinates(network.lanes[number], vehicle.x, vehicle.y)
-    points, lanes = np.empty((count, 2)), np.empty(count, dtype=np.int64)
+    points, limit, rights = np.empty((count, 2)), np.empty(count), np.empty(count, dtype=np.int64)
     for k in range(count):
         while along > network.lanes[number].length and place + 1 < vehicle.route_length:
             along -= network.lanes[number].length
@@ -74,8 +77,15 @@ def _points_ahead(
         known = min(along, lane.length)
         x, y = position_at(lane, known)
         heading = heading_at(lane, known)
-        points[k, 0] = x + (along - known) * math.cos(heading)
-        points[k, 1] = y + (along - known) * math.sin(heading)
-        lanes[k] = number
+        points[k, 0] = x + (along - known) * math.cos(heading) - vehicle.x
+        points[k, 1] = y + (along - known) * math.sin(heading) - vehicle.y
+        limit[k], rights[k] = lane.speed_limit, NOBODY_FIRST
+        if lane.kind == CIRCULAR:
+            limit[k] = min(lane.speed_limit, math.sqrt(LATERAL_M_S2 * lane.radius))
+        movement = movements.of_road[lane.road]
+        if movement >= 0 and movements.role[movement] == FIRST:
+            rights[k] = HAS_PRIORITY
+        elif movement >= 0 and movements.role[movement] == YIELDS:
+            rights[k] = GIVES_WAY
         along += spacing_m
-    return points, lanes
+    return points, limit, rights, vehicle.heading

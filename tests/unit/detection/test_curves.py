@@ -10,7 +10,7 @@ import pytest
 from coopsim.detection.oracle import Oracle
 from coopsim.detection.presets import preset
 from coopsim.detection.simulated.correlated import CorrelatedDetector
-from coopsim.detection.simulated.curves import ClassConfusion, LabelNoise
+from coopsim.detection.simulated.curves import ClassConfusion, Curve, Curves, LabelNoise
 from coopsim.detection.simulated.persistence import Persistence
 from coopsim.detection.simulated.simulated import SimulatedDetector, SimulatedDetectorConfig
 from coopsim.errors import InvalidValueError, UnknownNameError
@@ -37,6 +37,14 @@ def step(noise: LabelNoise, label: np.ndarray) -> np.ndarray:
     """Labels of one owner's objects, whose ids count from 0."""
     ids = np.arange(len(label))
     return noise.step(np.zeros(1, np.int64), np.array([0, len(ids)]), ids, ids, label)
+
+
+def test_curves_together_have_the_bits_of_each_alone() -> None:
+    rng = np.random.default_rng(0)
+    alone = [Curve((3.0,), (0.5,))]
+    alone += [Curve(tuple(np.sort(rng.uniform(0, 80, k))), tuple(rng.normal(size=k))) for k in (2, 5, 12)]
+    at = np.concatenate([rng.uniform(-20, 120, 500), [0.0, 3.0, np.inf], *(curve.at for curve in alone)])
+    np.testing.assert_array_equal(Curves(*alone)(at), [curve(at) for curve in alone])
 
 
 def test_the_matrix_has_the_shares_and_rows_that_sum_to_one() -> None:

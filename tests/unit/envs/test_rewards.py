@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -11,14 +12,17 @@ import pytest
 import coopsim
 from coopsim.catalog import REWARDS
 from coopsim.envs import DriveReward, DriveStep, MotaReward, Reward, SafeProgress
-from coopsim.envs.rewards import make_reward
-from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
+from coopsim.envs.rewards import make_reward, total
+from coopsim.envs.wrappers import Driving
+from coopsim.errors import CoopsimError, InvalidValueError, RewardWarning, UnknownNameError
 from coopsim.metrics.evaluator import FrameCounts
 from coopsim.types.driving import CarState, Route
+from coopsim.types.messages import MANEUVERS
 
 LIMIT_M_S = 10.0
 COUNTS = FrameCounts(tp=0, fp=0, fn=0, idsw=0, gt=0)
 REWARD = SafeProgress()
+QUICK: dict[str, Any] = {"lidar": None, "vehicles": 1, "connected_cars": 1, "pedestrians": 0, "rsus": 0}
 
 
 def route(bend: float = 0.0) -> Route:
@@ -109,10 +113,53 @@ def test_a_wrong_reward_is_told(reward: Any, error: type[CoopsimError], says: st
         make_reward(reward)
 
 
-def test_rewards_of_drives_need_drives() -> None:
-    for control in ("traffic", "policy"):
-        with pytest.raises(InvalidValueError, match="reward 'safe_progress' is of driven cars: it needs"):
-            coopsim.parallel_env("crossing", lidar=None, control=control, reward="safe_progress")
+@pytest.mark.parametrize("options", [{"control": "traffic"}, {"control": "policy", "traffic": "highway-env"}])
+def test_rewards_of_drives_need_drives(options: dict[str, Any]) -> None:
+    with pytest.raises(InvalidValueError, match=r'is of driven cars: it needs .*, "policy" or .* traffic="arrays"'):
+        coopsim.parallel_env("crossing", lidar=None, reward="safe_progress", **options)
+
+
+def test_lane_changes_and_speeds_by_maneuvers_earn_safe_progress() -> None:
+    """A car that goes faster earns more than one that slows down to a stand."""
+    env = coopsim.single_env("crossing", control="policy", tracker="no_fusion", reward="safe_progress", **QUICK)
+    earned = {}
+    for name in ("faster", "slower"):
+        env.reset(seed=2)
+        earned[name] = sum(env.step(MANEUVERS.index(name))[1] for _ in range(12))
+    assert earned["faster"] > earned["slower"] + 0.3
+
+
+def test_parts_of_safe_progress_are_named_and_add_up() -> None:
+    crash = step(before=car(1.0), after=car(-3.0, crashed=True))
+    parts = REWARD.parts(crash)
+    assert set(parts) == {"progress", "comfort", "crash"}
+    assert sum(parts.values()) == pytest.approx(REWARD(crash)) and REWARD(crash) == total(parts)
+    assert (parts["progress"], parts["crash"]) == (pytest.approx(0.1), -5.0) and parts["comfort"] < 0
+
+
+def test_a_class_that_changes_the_whole_is_asked_for_the_whole() -> None:
+    class Bolder(SafeProgress):
+        def __call__(self, step: DriveStep) -> float:
+            return 1.0 + super().__call__(step)
+
+    assert Bolder().parts(step()) == {"reward": pytest.approx(1.0 + REWARD(step()))}
+
+
+@pytest.mark.parametrize("control", ["acceleration", "policy"])
+def test_a_driver_under_the_reward_of_tracks_is_warned(control: str) -> None:
+    with pytest.warns(RewardWarning, match='"mota": it scores tracks, .* choose reward="safe_progress"'):
+        coopsim.single_env("crossing", control=control, tracker="no_fusion", **QUICK)
+    with pytest.warns(RewardWarning, match='reward="safe_progress"'):
+        Driving(coopsim.parallel_env("crossing", control=control, **QUICK), tracker="no_fusion")
+
+
+def test_only_a_driver_without_a_reward_of_its_own_is_warned() -> None:
+    """The reward was chosen, or the agent reports its tracks itself."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        coopsim.single_env("crossing", control="acceleration", tracker="no_fusion", reward="mota", **QUICK)
+        coopsim.single_env("crossing", control="acceleration", **QUICK)
+        coopsim.single_env("crossing", **QUICK)
 
 
 class Speed(DriveReward):

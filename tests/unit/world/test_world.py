@@ -1,5 +1,6 @@
 """All places: repeatable, free of overlaps and crashes, moving, and honest about velocities."""
 
+from dataclasses import fields
 from itertools import pairwise
 
 import numpy as np
@@ -8,6 +9,7 @@ from worlds import DT_S, SCENARIOS, frames, make_world, people, table, vehicles
 
 from coopsim.geometry.iou import iou_bev
 from coopsim.world.scenario import make_scenario
+from coopsim.world.snapshot import Actors
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
@@ -42,6 +44,17 @@ def test_nobody_starts_inside_a_vehicle(name: str, seed: int, full: bool) -> Non
     actors = make_world(name, seed, **numbers).actors()
     overlap = iou_bev(vehicles(actors).boxes.array, actors.boxes.array)
     assert (overlap > 0).sum() == len(vehicles(actors))  # each with itself
+
+
+@pytest.mark.parametrize("name", ["crossing", "highway"])
+def test_actors_are_what_a_check_of_them_would_make(name: str) -> None:
+    """They are made without one in every frame."""
+    made = make_world(name, 1).actors()
+    columns = {each.name: getattr(made, each.name) for each in fields(Actors)}
+    checked = Actors(**columns)
+    for column, array in columns.items():
+        if column != "boxes":
+            assert getattr(checked, column) is array, f"{column} has another type or shape, or can be written to"
 
 
 @pytest.mark.parametrize(("name", "least_m_s"), [("crossing", 3.0), ("highway", 20.0)])

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from coopsim.comms.channel.bandwidth import Bandwidth
-from coopsim.comms.channel.channel import Channel, ChannelConfig
+from coopsim.comms.channel.channel import Channel, ChannelConfig, ChannelCounts
 from coopsim.comms.channel.channel_config import AgentClock, LinkConfig
 from coopsim.comms.channel.latency import GaussianLatency
 from coopsim.comms.channel.loss import BernoulliLoss
@@ -73,6 +73,12 @@ def test_bytes_are_those_of_the_encoded_message_once_per_broadcast() -> None:
     channel, _ = run(ChannelConfig(), 5)
     assert channel.broadcast_bytes("a") == 5 * len(encode_message(message("a", 0)))
     assert channel.broadcast_bytes("nobody") == 0
+
+
+def test_an_agent_alone_broadcasts_to_nobody() -> None:
+    channel, _ = run(ChannelConfig(bandwidth=Bandwidth(1000.0)), 3, agents={"a": np.zeros(3)})
+    assert channel.broadcast_bytes("a") == 3 * len(encode_message(message("a", 0)))
+    assert channel.counts == ChannelCounts() and not channel.link_counts
 
 
 def test_a_flipped_bit_is_found_and_counted_as_lost() -> None:
