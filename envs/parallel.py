@@ -187,14 +187,13 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._seed = seed
         source = self._source
         self._exchange = Exchange(self._options, source.specs, self.road_map.buildings, seed, source.driven)
-        self._scores = EpisodeScores(self._source, self._options, self._frame)
+        self._scores = EpisodeScores(source, self._options, self._frame)
         self.agents = list(self._frame.agents)
-        self._rewards.begin(self.agent_specs, self._options.match_iou, self._source.region_m, seed)
+        self._rewards.begin(self.agent_specs, self._options.match_iou, source.region_m, seed)
         self._view.begin(self.road_map, self._frame)
         observations = self._observe(self._frame)
-        self._infos = EpisodeInfos(self._frame, self._options, staged=self._source.staged)
-        told = {"seed": seed, **self._source.episode_infos}
-        infos = self._infos.of_reset(self._frame, told, self._exchange.lies)
+        self._infos = EpisodeInfos(self._frame, self._options, staged=source.staged)
+        infos = self._infos.of_reset(self._frame, {"seed": seed, **source.episode_infos}, self._exchange.lies)
         self._show_if_human()
         self._halfway = False
         return observations, infos
@@ -362,8 +361,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     def render(self, ego: str | None = None) -> NDArray[np.uint8] | None:
         """Draw `bev_frame()` from above: (H, W, 3) uint8 for "rgb_array", a window for "human".
 
-        `ego` is the agent that the picture is about; None: the first driven car, or else the first agent. The picture
-        is for people: it knows the truth, and so which tracks are false.
+        It is about the agent `ego`; None: the first driven car, else the first agent. It shows which tracks are false.
         """
         if self.render_mode is None:
             warnings.warn("render() does nothing: the environment was made without a render_mode", stacklevel=2)
