@@ -187,7 +187,7 @@ class WorldRecipe:
         return f"WorldRecipe({', '.join(f'{name}={getattr(self, name)!r}' for name in shown)})"
 
     def _has(self, field: Field[Any]) -> bool:
-        return getattr(self, field.name) != field.default
+        return bool(getattr(self, field.name) != field.default)
 
     @classmethod
     def for_validation(cls, **changed: Any) -> WorldRecipe:
