@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coopsim.geometry.box_matching import match_boxes
+from coopsim.geometry.box_matching import Likeness, ScoredBoxes, match_boxes
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import Ints, Mask
 from coopsim.support.kernels import njit
@@ -69,7 +69,8 @@ def register_rows(
     fitted = np.full(len(other), -1)
     for number in range(_ROUNDS + 1):
         placed = place(found, other)
-        own_row, giou = match_boxes(own, own_label, placed, other_label, False)
+        theirs_now = ScoredBoxes(placed, other_score, other_label)
+        own_row, giou = match_boxes(ScoredBoxes(own, own_score, own_label), theirs_now, Likeness(False, 0.0))
         if number == _ROUNDS:
             break
         pairs = np.full(len(other), -1)
