@@ -139,7 +139,9 @@ class Cascade:
         likeness = _likeness(stage.affinity)
         assert likeness is not None
         ours = ScoredBoxes(np.ascontiguousarray(tracks.boxes), tracks.latest.copy(), classes[0])
-        row_of, value = match_boxes(ours, ScoredBoxes(detections.boxes.array, detections.score.copy(), classes[1]), likeness)
+        row_of, value = match_boxes(
+            ours, ScoredBoxes(detections.boxes.array, detections.score.copy(), classes[1]), likeness
+        )
         columns = np.flatnonzero(value >= stage.gate)
         columns = columns[np.argsort(row_of[columns])]
         return row_of[columns], columns
@@ -153,7 +155,9 @@ def _likeness(affinity: Affinity) -> Likeness | None:
     """Return an affinity as `match_boxes` takes it; None: it is none by GIoU."""
     if not isinstance(affinity, BoxAffinity) or affinity.kernel not in (iou.giou_3d, iou.giou_bev):
         return None
-    return Likeness(affinity.kernel is iou.giou_3d, float(affinity.score_weight)) if affinity.score_weight >= 0 else None
+    return (
+        Likeness(affinity.kernel is iou.giou_3d, float(affinity.score_weight)) if affinity.score_weight >= 0 else None
+    )
 
 
 def _parted(part: Ints) -> Ints:

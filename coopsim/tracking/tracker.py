@@ -175,7 +175,7 @@ class Tracker:
         return self.age(before, predicted, time_ns)
 
     def age(self, before: TrackStates, predicted: Beliefs, time_ns: int) -> TrackStates:
-        """Return tracks one frame older, with these beliefs; they share nothing that is written to with those before."""
+        """Return tracks one frame older, with these beliefs; what is written to is not shared with those before."""
         beliefs = Beliefs(
             _apart_from(before.beliefs.mean, predicted.mean),
             _apart_from(before.beliefs.covariance, predicted.covariance),

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coopsim.fusion.registration import Registration, place, register_rows
-from coopsim.geometry.box_matching import Likeness, ScoredBoxes, match_boxes
 from coopsim.geometry.assignment import hungarian
+from coopsim.geometry.box_matching import Likeness, ScoredBoxes, match_boxes
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import giou_bev
 from coopsim.geometry.se3 import Floats
