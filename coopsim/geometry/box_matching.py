@@ -104,7 +104,9 @@ def _match_rows(
         waiting[i] = column < 0 or taken[column + 1] > 0
         if not waiting[i]:
             taken[column + 1], u[i + 1] = i + 1, -best
-    for i in np.flatnonzero(waiting):
+    for i in range(len(few)):
+        if not waiting[i]:
+            continue
         taken[0], column = i + 1, 0
         shortest, done = np.full(len(many) + 1, np.inf), np.zeros(len(many) + 1, np.bool_)
         while taken[column] != 0:
@@ -142,7 +144,7 @@ def _likeness(
     value = in_3d if likeness.in_space else from_above
     if likeness.score_weight != 0:
         value -= likeness.score_weight * abs(a.score[row] - b.score[other])
-    return value
+    return float(value)
 
 
 @njit(cache=True, nogil=True)

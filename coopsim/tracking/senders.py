@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -64,7 +64,7 @@ class Senders:
     def __iter__(self) -> Iterator[str]:
         return iter(self._measured)
 
-    def are_all_in(self, sources: dict[str, object]) -> bool:
+    def are_all_in(self, sources: Mapping[str, object]) -> bool:
         """Return whether all remembered senders are among these sources."""
         return self._measured.keys() <= sources.keys()
 
