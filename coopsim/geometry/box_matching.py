@@ -144,7 +144,7 @@ def _likeness(
     value = in_3d if likeness.in_space else from_above
     if likeness.score_weight != 0:
         value -= likeness.score_weight * abs(a.score[row] - b.score[other])
-    return float(value)
+    return value
 
 
 @njit(cache=True, nogil=True)
@@ -152,5 +152,5 @@ def _largest(score: Floats, other: Floats, score_weight: float) -> float:
     """Return the largest size of a likeness of boxes with these scores (n,) and (m,)."""
     if score_weight == 0:
         return 1.0
-    spread = max(score.max(), other.max()) - min(score.min(), other.min())
+    spread: float = max(score.max(), other.max()) - min(score.min(), other.min())
     return min(1.0 + score_weight * spread, 1e150)
