@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coopsim.geometry.assignment import cheapest_assignment
-from coopsim.geometry.iou import overlaps
+from coopsim.geometry.box_matching import Likeness, ScoredBoxes, match_boxes
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import Ints, Mask
 from coopsim.support.kernels import njit
@@ -63,14 +62,15 @@ def register_rows(
     the registration moves nothing.
 
     Returns:
-        The registration; the other boxes (M, 7) under it; and the pairs under it, as from `match_rows`.
+        The registration; the other boxes (M, 7) under it; and the pairs under it, as from `match_boxes`.
     """
     near, own_near = _near(other), _near(own)
     found = Registration(_middle(other, near), np.zeros(3), np.zeros(3), 0)
     fitted = np.full(len(other), -1)
     for number in range(_ROUNDS + 1):
         placed = place(found, other)
-        own_row, giou = match_rows(own, own_label, placed, other_label)
+        theirs_now = ScoredBoxes(placed, other_score, other_label)
+        own_row, giou = match_boxes(ScoredBoxes(own, own_score, own_label), theirs_now, Likeness(False, 0.0))
         if number == _ROUNDS:
             break
         pairs = np.full(len(other), -1)
@@ -83,33 +83,6 @@ def register_rows(
         fitted = pairs
         found = _fit(found.middle, own[pairs[theirs]], own_score[pairs[theirs]], other[theirs], other_score[theirs])
     return found, placed, own_row, giou
-
-
-@njit(cache=True, nogil=True)
-def match_rows(own: Floats, own_label: Ints, other: Floats, other_label: Ints) -> tuple[Ints, Floats]:
-    """Match boxes (N, 7) and (M, 7) of each class for as many pairs as possible, then for the largest sum of BEV GIoU.
-
-    Returns:
-        For each other box the row (M,) of its own box, -1 without one, and the BEV GIoU (M,) of both, -inf without one.
-    """
-    affinity = overlaps(own, other, True)[1]
-    own_row, giou = np.full(len(other), -1), np.full(len(other), -np.inf)
-    for label in np.unique(other_label):
-        mine, theirs = np.flatnonzero(own_label == label), np.flatnonzero(other_label == label)
-        few, many = (mine, theirs) if len(mine) <= len(theirs) else (theirs, mine)
-        cost = np.empty((len(few), len(many)))
-        for i in range(len(few)):
-            for j in range(len(many)):
-                value = affinity[few[i], many[j]] if len(mine) <= len(theirs) else affinity[many[j], few[i]]
-                # A pair without an overlap costs more than all others can gain.
-                cost[i, j] = -value if np.isfinite(value) else 3.0 * (1 + len(few))
-        column_of = cheapest_assignment(cost)
-        for i in range(len(few)):
-            row, column = few[i], many[column_of[i]]
-            row, column = (row, column) if len(mine) <= len(theirs) else (column, row)
-            if np.isfinite(affinity[row, column]):
-                own_row[column], giou[column] = row, affinity[row, column]
-    return own_row, giou
 
 
 @njit(cache=True, nogil=True)

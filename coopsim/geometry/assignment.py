@@ -158,27 +158,57 @@ def cheapest_assignment(cost: Floats) -> Ints:
         shortest, done = np.full(columns + 1, np.inf), np.zeros(columns + 1, np.bool_)
         while row_of[column] != 0:
             done[column] = True
-            here, step, following = row_of[column], np.inf, 0
-            for j in range(1, columns + 1):
-                if done[j]:
-                    continue
-                reduced = cost[here - 1, j - 1] - u[here] - v[j]
-                if reduced < shortest[j]:
-                    shortest[j], way[j] = reduced, column
-                if shortest[j] < step:
-                    step, following = shortest[j], j
-            for j in range(columns + 1):
-                if done[j]:
-                    u[row_of[j]] += step
-                    v[j] -= step
-                else:
-                    shortest[j] -= step
+            here = row_of[column]
+            step, following = extend_path(cost[here - 1], u[here], v, done, shortest, way, column)
+            shift_potentials(step, row_of, u, v, done, shortest)
             column = following
-        while column != 0:
-            row_of[column] = row_of[way[column]]
-            column = way[column]
+        reassign(column, row_of, way)
     assigned = np.full(rows, -1)
     for j in range(1, columns + 1):
         if row_of[j] > 0:
             assigned[row_of[j] - 1] = j - 1
     return assigned
+
+
+# Steps of the above, for kernels that compute costs only where a path comes by. Rows and columns count from 1; column 0
+# stands for the row from which the path begins.
+
+
+@njit(cache=True, nogil=True)
+def extend_path(
+    cost: Floats, potential: float, v: Floats, done: Mask, shortest: Floats, way: Ints, column: int
+) -> tuple[float, int]:
+    """Lead shortest paths on from a row with these costs (m,); return the step to the nearest column, and that column.
+
+    The row has a potential and is that of `column`; v (m + 1,) are those of columns. `shortest` and `way` (m + 1,), the
+    lengths of paths and the columns that they come from, are updated for the columns that are not `done`.
+    """
+    step, following = np.inf, 0
+    for j in range(1, len(v)):
+        if done[j]:
+            continue
+        reduced = cost[j - 1] - potential - v[j]
+        if reduced < shortest[j]:
+            shortest[j], way[j] = reduced, column
+        if shortest[j] < step:
+            step, following = shortest[j], j
+    return step, following
+
+
+@njit(cache=True, nogil=True)
+def shift_potentials(step: float, row_of: Ints, u: Floats, v: Floats, done: Mask, shortest: Floats) -> None:
+    """Move the potentials by a step, and the lengths of paths with them."""
+    for j in range(len(v)):
+        if done[j]:
+            u[row_of[j]] += step
+            v[j] -= step
+        else:
+            shortest[j] -= step
+
+
+@njit(cache=True, nogil=True)
+def reassign(column: int, row_of: Ints, way: Ints) -> None:
+    """Give each column on a path, from its last one back, the row of the column before."""
+    while column != 0:
+        row_of[column] = row_of[way[column]]
+        column = way[column]

@@ -123,25 +123,49 @@ def _overlap(a: ArrayLike, b: ArrayLike, *, generalized: bool) -> tuple[Floats, 
 def overlaps(a: Floats, b: Floats, generalized: bool) -> tuple[Floats, Floats]:
     """Return IoU, or GIoU if `generalized`, in 3D and in the BEV (N, M) of contiguous boxes (N, 7) and (M, 7)."""
     in_space, from_above = np.zeros((len(a), len(b))), np.zeros((len(a), len(b)))
-    reach_a, reach_b = np.hypot(a[:, 3], a[:, 4]) / 2, np.hypot(b[:, 3], b[:, 4]) / 2
-    cos_a, sin_a, cos_b, sin_b = np.cos(a[:, 6]), np.sin(a[:, 6]), np.cos(b[:, 6]), np.sin(b[:, 6])
-    space = corner_space()
+    turns_a, turns_b, space = turns_of(a), turns_of(b), corner_space()
     for i in range(len(a)):
-        half_x, half_y, half_a, area_a = a[i, 3] / 2, a[i, 4] / 2, a[i, 5] / 2, a[i, 3] * a[i, 4]
         for j in range(len(b)):
-            dx, dy, reach = b[j, 0] - a[i, 0], b[j, 1] - a[i, 1], reach_a[i] + reach_b[j]
-            apart = dx * dx + dy * dy >= reach * reach
-            if apart and not generalized:
-                continue
-            other = _in_axes_of(dx, dy, cos_a[i], sin_a[i], cos_b[j], sin_b[j], b[j, 3] / 2, b[j, 4] / 2)
-            shared = 0.0 if apart else _area_within(half_x, half_y, other, space)
-            hull = _hull_area(half_x, half_y, other) if generalized else 0.0
-            dz, half_b, area_b = b[j, 2] - a[i, 2], b[j, 5] / 2, b[j, 3] * b[j, 4]
-            height = max(0.0, min(dz + half_b, half_a) - max(dz - half_b, -half_a))
-            depth = max(dz + half_b, half_a) - min(dz - half_b, -half_a)
-            in_space[i, j] = _over_union(shared * height, area_a * a[i, 5], area_b * b[j, 5], depth * hull, generalized)
-            from_above[i, j] = _over_union(shared, area_a, area_b, hull, generalized)
+            if generalized or not are_apart(a, turns_a, i, b, turns_b, j):
+                in_space[i, j], from_above[i, j] = pair_overlap(a, turns_a, i, b, turns_b, j, generalized, space)
     return in_space, from_above
+
+
+@njit(cache=True, nogil=True)
+def turns_of(boxes: Floats) -> Floats:
+    """Return the cosine and sine of the heading, and the reach over ground m, of each box (N, 3)."""
+    turns = np.empty((len(boxes), 3))
+    for k in range(len(boxes)):
+        turns[k, 0], turns[k, 1] = np.cos(boxes[k, 6]), np.sin(boxes[k, 6])
+        turns[k, 2] = np.hypot(boxes[k, 3], boxes[k, 4]) / 2
+    return turns
+
+
+@njit(cache=True, nogil=True)
+def are_apart(a: Floats, turns_a: Floats, i: int, b: Floats, turns_b: Floats, j: int) -> bool:
+    """Return whether two footprints are too far apart to touch; `turns_of` gives the turns."""
+    dx, dy, reach = b[j, 0] - a[i, 0], b[j, 1] - a[i, 1], turns_a[i, 2] + turns_b[j, 2]
+    apart: bool = dx * dx + dy * dy >= reach * reach
+    return apart
+
+
+@njit(cache=True, nogil=True)
+def pair_overlap(
+    a: Floats, turns_a: Floats, i: int, b: Floats, turns_b: Floats, j: int, generalized: bool, space: Floats
+) -> tuple[float, float]:
+    """Return IoU, or GIoU if `generalized`, in 3D and in the BEV of one box of a and one of b, as `overlaps` does."""
+    half_x, half_y, half_a, area_a = a[i, 3] / 2, a[i, 4] / 2, a[i, 5] / 2, a[i, 3] * a[i, 4]
+    cos_a, sin_a, cos_b, sin_b = turns_a[i, 0], turns_a[i, 1], turns_b[j, 0], turns_b[j, 1]
+    dx, dy = b[j, 0] - a[i, 0], b[j, 1] - a[i, 1]
+    other = _in_axes_of(dx, dy, cos_a, sin_a, cos_b, sin_b, b[j, 3] / 2, b[j, 4] / 2)
+    apart = are_apart(a, turns_a, i, b, turns_b, j)
+    shared = 0.0 if apart else _area_within(half_x, half_y, other, space)
+    hull = _hull_area(half_x, half_y, other) if generalized else 0.0
+    dz, half_b, area_b = b[j, 2] - a[i, 2], b[j, 5] / 2, b[j, 3] * b[j, 4]
+    height = max(0.0, min(dz + half_b, half_a) - max(dz - half_b, -half_a))
+    depth = max(dz + half_b, half_a) - min(dz - half_b, -half_a)
+    in_space = _over_union(shared * height, area_a * a[i, 5], area_b * b[j, 5], depth * hull, generalized)
+    return in_space, _over_union(shared, area_a, area_b, hull, generalized)
 
 
 @njit(cache=True, nogil=True)

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from coopsim.geometry import iou
 from coopsim.geometry.assignment import Assigner, Pairs, hungarian
+from coopsim.geometry.box_matching import Likeness, ScoredBoxes, match_boxes
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_finite_number
 from coopsim.tracking.affinity import Affinity, BoxAffinity, axial_xiou, half_giou, xiou
@@ -93,6 +95,8 @@ class Cascade:
         if not (len(tracks) and len(detections)):
             return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
         classes = self._class_of(tracks.label), self._class_of(detections.label)
+        if self.by_giou:
+            return self._best_giou(tracks, detections, classes)
         if len(self._stages) == 1 and self._stages[0].takes_all:
             return self._stages[0].pairs(self._stages[0].affinity(tracks, detections), classes)
         rows, columns = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
@@ -115,9 +119,50 @@ class Cascade:
             free_row[left[row]] = free_column[right[column]] = False
         return np.concatenate(rows), np.concatenate(columns)
 
+    @property
+    def by_giou(self) -> bool:
+        """True if all is matched in one stage, for the largest sum of GIoU."""
+        first, *others = self._stages
+        return not others and first.takes_all and first.assigner is hungarian and _likeness(first.affinity) is not None
+
+    def match_within(self, tracks: TrackStates, detections: Detections, parts: Pairs) -> Pairs:
+        """Match as `match` does, but only tracks and detections of the same part; `by_giou` must be true.
+
+        The numbers of the parts are given for tracks (N,) and detections (M,).
+        """
+        classes = self._class_of(tracks.label), self._class_of(detections.label)
+        return self._best_giou(tracks, detections, (classes[0] + _parted(parts[0]), classes[1] + _parted(parts[1])))
+
+    def _best_giou(self, tracks: TrackStates, detections: Detections, classes: Pairs) -> Pairs:
+        """Match in the one stage that there is, without the affinities of all pairs."""
+        (stage,) = self._stages
+        likeness = _likeness(stage.affinity)
+        assert likeness is not None
+        ours = ScoredBoxes(np.ascontiguousarray(tracks.boxes), tracks.latest.copy(), classes[0])
+        row_of, value = match_boxes(
+            ours, ScoredBoxes(detections.boxes.array, detections.score.copy(), classes[1]), likeness
+        )
+        columns = np.flatnonzero(value >= stage.gate)
+        columns = columns[np.argsort(row_of[columns])]
+        return row_of[columns], columns
+
     def _class_of(self, label: Ints) -> Ints:
         """Return the labels (N,), or the numbers of their groups; a new array."""
         return label.copy() if self._class_groups is None else self._class_groups[label]
+
+
+def _likeness(affinity: Affinity) -> Likeness | None:
+    """Return an affinity as `match_boxes` takes it; None: it is none by GIoU."""
+    if not isinstance(affinity, BoxAffinity) or affinity.kernel not in (iou.giou_3d, iou.giou_bev):
+        return None
+    return (
+        Likeness(affinity.kernel is iou.giou_3d, float(affinity.score_weight)) if affinity.score_weight >= 0 else None
+    )
+
+
+def _parted(part: Ints) -> Ints:
+    """Return what sets the classes of each part (N,) apart from those of all others."""
+    return part << 32
 
 
 AFFINITIES: dict[str, Affinity] = {"xiou": xiou, "axial_xiou": axial_xiou, "giou": half_giou}

@@ -7,27 +7,22 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import compress
 from operator import lt
 from typing import Any
 
-import numpy as np
-
-from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_positive
 from coopsim.support.registry import Registry
-from coopsim.tracking.by_class import TrackersByClass
+from coopsim.tracking.senders import MovingObjects, Senders
+from coopsim.tracking.side_by_side import MakeTracker
 from coopsim.tracking.track_ids import LastingIds
-from coopsim.tracking.tracker import Tracker
-from coopsim.types import NS_PER_S, Detections, Mask, Tracks, seconds_to_ns
+from coopsim.types import NS_PER_S, Detections, Tracks, seconds_to_ns
 from coopsim.types.groups import DetectionGroups
 
 RECEIVER = ""
 """The source of the receiver's own measurements; it sorts before the names of all senders."""
-
-MakeTracker = Callable[[], Tracker | TrackersByClass]
 
 Fusion = Callable[[Sequence[Detections]], Sequence[Detections]]
 """Turns one moment's detections, a group per source with the most trusted first, into groups that are tracked in
@@ -141,81 +136,8 @@ _EXPIRY_NS = 5 * NS_PER_S
 """Measurements that are older are dropped, and silent sources are forgotten after this time: names may change."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Moving:
-    """A sender's measurement with the velocities of its objects.
-
-    Attributes:
-        captured_ns: capture time.
-        detections: N.
-        velocity: (N, 2) m/s, 0 where unknown.
-        confirmed: (N,) whether the sender's tracker has confirmed the object before.
-    """
-
-    captured_ns: int
-    detections: Detections
-    velocity: Floats
-    confirmed: Mask
-
-    def at(self, time_ns: int) -> Detections:
-        """Return the detections where their objects should be at a time."""
-        moved, boxes = self.velocity * (time_ns - self.captured_ns) / NS_PER_S, self.detections.boxes
-        center = boxes.center + np.pad(moved, ((0, 0), (0, 1)))
-        return replace(self.detections, boxes=Boxes3D(center, boxes.size, boxes.yaw))
-
-
-class _Senders:
-    """Memory of senders' measurements and of the velocities of their objects.
-
-    Boxes that were sent with velocities have these. For all others every sender has a tracker of its own, in its own
-    time. Velocities of the receiver's tracks would not do: a measurement that was moved with a velocity confirms it,
-    and the error grows from frame to frame.
-    """
-
-    def __init__(self, make_tracker: MakeTracker) -> None:
-        self._make_tracker = make_tracker
-        self._trackers: dict[str, Tracker | TrackersByClass] = {}
-        self._measured: dict[str, list[_Moving]] = {}
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._measured)
-
-    def forget(self, oldest_ns: int) -> None:
-        """Forget what was captured earlier, and senders of which nothing is left."""
-        for name, measured in self._measured.items():
-            self._measured[name] = [each for each in measured if each.captured_ns >= oldest_ns]
-        self._measured = {name: measured for name, measured in self._measured.items() if measured}
-        self._trackers = {name: tracker for name, tracker in self._trackers.items() if name in self._measured}
-
-    def take(self, source: str, captured_ns: int, found: Detections) -> bool:
-        """Take in a measurement, unless it is the receiver's; return whether it is newer than all of the sender's."""
-        if source == RECEIVER:
-            return True
-        measured = self._measured.setdefault(source, [])
-        if measured and captured_ns <= measured[-1].captured_ns:
-            return False
-        if found.velocity is None:
-            tracker = self._trackers.get(source) or self._make_tracker()
-            velocity, confirmed = tracker.known(found, captured_ns)
-            tracker.step(found, captured_ns)
-            self._trackers[source] = tracker
-        else:
-            confirmed = np.asarray(np.isfinite(found.velocity).all(axis=1))
-            velocity = np.where(confirmed[:, None], found.velocity, 0.0)
-        measured.append(_Moving(captured_ns, found, velocity, confirmed))
-        return True
-
-    def last_before(self, source: str, time_ns: int) -> _Moving | None:
-        """Return what a sender measured last before a time, if it is known."""
-        return next((each for each in reversed(self._measured[source]) if each.captured_ns < time_ns), None)
-
-    def newest(self, source: str) -> _Moving:
-        """Return what a sender measured last."""
-        return self._measured[source][-1]
-
-
 class PredictForward(DelayedMeasurements):
-    """Delayed detections are moved on to now by the velocity of their object (see `_Senders`).
+    """Delayed detections are moved on to now by the velocity of their object (see `Senders`).
 
     Until a measurement is late this is `AsIfCurrent`, and costs no more; what came on time just before is then read by
     the senders' trackers.
@@ -225,7 +147,7 @@ class PredictForward(DelayedMeasurements):
 
     def __init__(self, make_tracker: MakeTracker, fusion: Fusion = in_turn, first: str = RECEIVER) -> None:
         super().__init__(make_tracker, fusion, first)
-        self._senders, self._any_late = _Senders(make_tracker), False
+        self._senders, self._any_late = Senders(make_tracker), False
         self._on_time: deque[tuple[int, Measurements]] = deque(maxlen=self._REMEMBERED)
 
     def _step(self, measurements: Measurements, now_ns: int) -> Tracks:
@@ -236,20 +158,38 @@ class PredictForward(DelayedMeasurements):
                 return self._track(measurements.groups.take(newest), now_ns)
             self._any_late = True
             for time_ns, step in self._on_time:
-                for number in self._newest(step):
-                    self._senders.take(step.sources[number], time_ns, step.groups[number])
+                _take(self._senders, step, {time_ns: self._newest(step)})
         self._senders.forget(now_ns - _EXPIRY_NS)
-        return self._track(DetectionGroups.of(self._moved(measurements, number, now_ns) for number in newest), now_ns)
+        by_capture: dict[int, list[int]] = {}
+        for number in newest:
+            captured_ns = min(measurements.captured_ns[number], now_ns)
+            if captured_ns >= now_ns - _EXPIRY_NS:
+                by_capture.setdefault(captured_ns, []).append(number)
+        taken = _take(self._senders, measurements, by_capture)
+        moved = (self._moved(measurements, number, taken, now_ns) for number in newest)
+        return self._track(DetectionGroups.of(moved), now_ns)
 
-    def _moved(self, measurements: Measurements, number: int, now_ns: int) -> Detections:
-        """Return a source's detections where their objects should be now; none if they are overtaken or expired."""
-        source, captured_ns = measurements.sources[number], min(measurements.captured_ns[number], now_ns)
-        found = measurements.groups[number]
+    def _moved(self, measurements: Measurements, number: int, taken: Container[int], now_ns: int) -> Detections:
+        """Return a source's detections where their objects should be now; none if they were not taken in."""
+        source = measurements.sources[number]
         if source == RECEIVER:
-            return found
-        if captured_ns < now_ns - _EXPIRY_NS or not self._senders.take(source, captured_ns, found):
-            return Detections.empty()
-        return self._senders.newest(source).at(now_ns)
+            return measurements.groups[number]
+        return self._senders.newest(source).at(now_ns) if number in taken else Detections.empty()
+
+
+def _take(senders: Senders, measurements: Measurements, by_capture: Mapping[int, Sequence[int]]) -> set[int]:
+    """Let senders take in measurements of which they know no newer one of the sender, and return their numbers.
+
+    The numbers of measurements are given by capture time, the earliest first; the receiver's are left out.
+    """
+    taken = set[int]()
+    for captured_ns, numbers in by_capture.items():
+        sources = [measurements.sources[number] for number in numbers]
+        news = [source != RECEIVER and senders.is_news(source, captured_ns) for source in sources]
+        chosen = list(compress(numbers, news))
+        senders.take(list(compress(sources, news)), measurements.groups.take(chosen), captured_ns)
+        taken.update(chosen)
+    return taken
 
 
 @dataclass(slots=True)
@@ -267,7 +207,7 @@ class _Moment:
 
     time_ns: int
     groups: dict[str, tuple[DetectionGroups, int]] = field(default_factory=dict)
-    moved: dict[str, _Moving] = field(default_factory=dict)
+    moved: dict[str, MovingObjects] = field(default_factory=dict)
     joined: DetectionGroups | None = None
     before: Any = None
     shown: Tracks = field(default_factory=Tracks.empty)
@@ -286,8 +226,7 @@ class _Moment:
 
     def _group(self, source: str) -> Detections:
         if source in self.moved:
-            moving = self.moved[source]
-            return moving.at(self.time_ns)[moving.confirmed]
+            return self.moved[source].confirmed_at(self.time_ns)
         whole, number = self.groups[source]
         return whole[number]
 
@@ -316,23 +255,26 @@ class RewindAndReplay(DelayedMeasurements):
         require_positive(window_s=window_s)
         self._window_ns = seconds_to_ns(window_s)
         self._moments: list[_Moment] = []
-        self._senders, self._ids = _Senders(make_tracker), LastingIds()
+        self._senders, self._ids = Senders(make_tracker), LastingIds()
 
     def _step(self, measurements: Measurements, now_ns: int) -> Tracks:
         last_ns = self._moments[-1].time_ns if self._moments else now_ns
         self._moments = [moment for moment in self._moments if moment.time_ns >= now_ns - self._window_ns]
         moments = {moment.time_ns: moment for moment in self._moments}
         moments.setdefault(now_ns, _Moment(now_ns))
-        oldest_ns, first_ns = min(moments), now_ns
+        oldest_ns, first_ns, by_capture = min(moments), now_ns, dict[int, list[int]]()
         for number in sorted(range(len(measurements)), key=measurements.captured_ns.__getitem__):
             source, captured_ns = measurements.sources[number], min(measurements.captured_ns[number], now_ns)
             if captured_ns < oldest_ns:
                 continue
-            moment = moments.setdefault(captured_ns, _Moment(captured_ns))
+            moment = moments.get(captured_ns)
+            if moment is None:
+                moment = moments[captured_ns] = _Moment(captured_ns)
             if source not in moment.groups:
                 moment.groups[source], moment.joined = (measurements.groups, number), None
                 first_ns = min(first_ns, captured_ns)
-                self._senders.take(source, captured_ns, measurements.groups[number])
+                by_capture.setdefault(captured_ns, []).append(number)
+        _take(self._senders, measurements, by_capture)
         self._moments = [moments[time_ns] for time_ns in sorted(moments)]
         self._senders.forget(now_ns - 2 * self._window_ns)  # what the oldest moment may need
         self._replay(min([first_ns, *self._move_on()]), last_ns)
@@ -343,7 +285,7 @@ class RewindAndReplay(DelayedMeasurements):
         changed_ns = []
         for moment in self._moments:
             moved = {}
-            for source in self._senders:
+            for source in () if self._senders.are_all_in(moment.groups) else self._senders:
                 last = None if source in moment.groups else self._senders.last_before(source, moment.time_ns)
                 if last is not None and last.captured_ns >= moment.time_ns - self._window_ns:
                     moved[source] = last
@@ -359,8 +301,8 @@ class RewindAndReplay(DelayedMeasurements):
         known = next((moment.before for moment in again if moment.before is not None), None)
         if known is not None:
             self.tracker.state = known
-        lasting = _shown_ids(moment for moment in self._moments if moment.time_ns < first_ns)
-        self._ids.forget(_shown_ids(again) - lasting)
+        if forgotten := _shown_ids(again):
+            self._ids.forget(forgotten - _shown_ids(moment for moment in self._moments if moment.time_ns < first_ns))
         for moment in again:
             moment.before = self.tracker.state
             moment.shown = self._track(moment.joined_in(self._in_order), moment.time_ns)

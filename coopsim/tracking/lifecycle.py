@@ -19,7 +19,10 @@ class Lifecycle(Protocol):
     """A rule that reports and drops tracks, N at once."""
 
     def reported(self, tracks: TrackStates, frame: int) -> Mask:
-        """Return the mask (N,) of tracks to report; `frame` is the number of this frame, from 1."""
+        """Return the mask (N,) of tracks to report; `frame` is the number of this frame, from 1.
+
+        Our own rules also take a number for each track (N,), of trackers with different numbers of frames.
+        """
 
     def alive(self, tracks: TrackStates) -> Mask:
         """Return the mask (N,) of tracks to keep."""
@@ -46,7 +49,7 @@ class HitsAndAge:
         require_count(1, hits=self.hits, age=self.age)
         require_count(0, coast=self.age if self.coast is None else self.coast)
 
-    def reported(self, tracks: TrackStates, frame: int) -> Mask:
+    def reported(self, tracks: TrackStates, frame: int | Ints) -> Mask:
         return _confirmed(tracks, frame, self.hits, self.age if self.coast is None else self.coast)
 
     def alive(self, tracks: TrackStates) -> Mask:
@@ -76,7 +79,7 @@ class ByScore:
         if np.isnan(self.report) or np.isnan(self.drop):
             raise InvalidValueError(f"report and drop must be numbers, got {self.report!r} and {self.drop!r}")
 
-    def reported(self, tracks: TrackStates, frame: int) -> Mask:
+    def reported(self, tracks: TrackStates, frame: int | Ints) -> Mask:
         return (tracks.confidence >= self.report) & (tracks.misses <= self.coast)
 
     def alive(self, tracks: TrackStates) -> Mask:
@@ -107,7 +110,7 @@ class VelocityAdaptiveAge:
         require_count(0, coast=0 if self.coast is None else self.coast)
         require_non_negative(age_per_m_s=self.age_per_m_s)
 
-    def reported(self, tracks: TrackStates, frame: int) -> Mask:
+    def reported(self, tracks: TrackStates, frame: int | Ints) -> Mask:
         if self.coast is None:
             return _confirmed(tracks, frame, self.hits, np.inf) & self.alive(tracks)
         return _confirmed(tracks, frame, self.hits, self.coast)
@@ -148,7 +151,7 @@ class Remembered:
         return self.rule.alive(before) | ~tracks.appearance.ever_known
 
 
-def _confirmed(tracks: TrackStates, frame: int, hits: int, coast: float) -> Mask:
+def _confirmed(tracks: TrackStates, frame: int | Ints, hits: int, coast: float) -> Mask:
     return ((tracks.hits >= hits) | (frame <= hits)) & (tracks.misses <= coast)
 
 

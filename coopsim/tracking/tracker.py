@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from coopsim.errors import InvalidValueError
+from coopsim.geometry.assignment import Pairs
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.tracking.appearance import Appearance, seen_by_others
@@ -58,6 +59,8 @@ class Tracker:
 
     Attributes:
         state: the tracker's complete state; may be set to an earlier one, to track again from there.
+        motion, lifecycle, appearance: as given.
+        first_round: the rules for the first group of detections.
 
     Args:
         motion: the motion model and its filter.
@@ -80,18 +83,20 @@ class Tracker:
         later: AssociationRound | None = None,
         appearance: Appearance | None = None,
     ) -> None:
-        self._motion, self._lifecycle, self._scoring = motion, lifecycle, scoring or Latest()
-        self._appearance = appearance
-        self._first = AssociationRound(association, initiator)
-        self._later = later or self._first
+        self.motion, self.lifecycle, self.appearance = motion, lifecycle, appearance
+        self.first_round = AssociationRound(association, initiator)
+        self._scoring, self._later = scoring or Latest(), later or self.first_round
         self.reset()
 
     def reset(self) -> None:
         """Forget everything, as before the first frame."""
-        memory = EmbeddingMemory.blank(0, dim=0, window=1 if self._appearance is None else self._appearance.views)
+        self.state = TrackerState(self.blank(), next_id=1, frame=0, time_ns=None)
+
+    def blank(self) -> TrackStates:
+        """Return no tracks, to which such can be joined."""
+        memory = EmbeddingMemory.blank(0, dim=0, window=1 if self.appearance is None else self.appearance.views)
         nobody = np.zeros(0, dtype=np.int64)
-        none = self._initiate(Detections.empty(), np.zeros((0, 7)), nobody, 1, memory, time_ns=0)
-        self.state = TrackerState(none, next_id=1, frame=0, time_ns=None)
+        return self._initiate(Detections.empty(), np.zeros((0, 7)), nobody, 1, memory, time_ns=0)
 
     @property
     def time_ns(self) -> int | None:
@@ -128,16 +133,22 @@ class Tracker:
         """
         tracked, next_id = self.predict(time_ns), self.state.next_id
         for number, found in enumerate(_valid(groups)):
-            rules = self._later if number else self._first
+            rules = self._later if number else self.first_round
             if len(found):
                 tracked, next_id = self._take_in(tracked, found, rules, next_id, time_ns)
-        missed = np.flatnonzero(tracked.misses)
-        tracked.score[missed] = self._scoring.miss(tracked.score[missed], tracked.age[missed])
-        alive = self._lifecycle.alive(tracked)
-        tracked = tracked if alive.all() else tracked[np.flatnonzero(alive)]
-        tracked.confidence[:] = self._scoring.confidence(tracked)
+        tracked, _ = self.finish(tracked)
         self.state = TrackerState(tracked, next_id, self.state.frame + 1, time_ns)
         return self.report()
+
+    def finish(self, tracked: TrackStates) -> tuple[TrackStates, Ints]:
+        """Return the tracks that are alive after a frame's detections, with their scores; and their rows before."""
+        missed = np.flatnonzero(tracked.misses)
+        tracked.score[missed] = self._scoring.miss(tracked.score[missed], tracked.age[missed])
+        alive = self.lifecycle.alive(tracked)
+        rows = np.flatnonzero(alive)
+        tracked = tracked if alive.all() else tracked[rows]
+        tracked.confidence[:] = self._scoring.confidence(tracked)
+        return tracked, rows
 
     def known(self, detections: Detections, time_ns: int) -> tuple[Floats, Mask]:
         """Return the velocity (N, 2) m/s of the track that each detection would be matched to, 0 without one.
@@ -146,7 +157,7 @@ class Tracker:
         stays. Detections must be valid (see `drop_invalid`), and `time_ns` must not lie before the last frame.
         """
         tracked = self.predict(time_ns)
-        rows, columns = self._first.association.match(tracked, detections)
+        rows, columns = self.first_round.association.match(tracked, detections)
         velocity, confirmed = np.zeros((len(detections), 2)), np.zeros(len(detections), dtype=np.bool_)
         velocity[columns], confirmed[columns] = tracked.velocity[rows], self._were_reported(tracked)[rows]
         return velocity, confirmed
@@ -160,15 +171,19 @@ class Tracker:
         self.require_time(time_ns)
         before = self.state.tracked
         elapsed_ns = 0 if self.time_ns is None else time_ns - self.time_ns
-        predicted = self._motion.predict(before.beliefs, elapsed_ns / NS_PER_S) if len(before) else before.beliefs
+        predicted = self.motion.predict(before.beliefs, elapsed_ns / NS_PER_S) if len(before) else before.beliefs
+        return self.age(before, predicted, time_ns)
+
+    def age(self, before: TrackStates, predicted: Beliefs, time_ns: int) -> TrackStates:
+        """Return tracks one frame older, with these beliefs; what is written to is not shared with those before."""
         beliefs = Beliefs(
             _apart_from(before.beliefs.mean, predicted.mean),
             _apart_from(before.beliefs.covariance, predicted.covariance),
         )
         return TrackStates(
             beliefs,
-            self._motion.boxes(beliefs),
-            self._motion.velocity(beliefs),
+            self.motion.boxes(beliefs),
+            self.motion.velocity(beliefs),
             before.id,
             before.label,
             before.score.copy(),
@@ -195,13 +210,13 @@ class Tracker:
         return Tracks(tracked.id[rows], shown, tracked.velocity[rows], tracked.confidence[rows], tracked.label[rows])
 
     def _reported_rows(self) -> Ints:
-        return np.flatnonzero(self._lifecycle.reported(self.state.tracked, self.state.frame))
+        return np.flatnonzero(self.lifecycle.reported(self.state.tracked, self.state.frame))
 
     def _recent(self, memory: EmbeddingMemory, time_ns: int) -> EmbeddingMemory:
         """Return the memory of a time: without what is older than the window."""
-        if self._appearance is None:
+        if self.appearance is None:
             return memory
-        return memory.since(time_ns - seconds_to_ns(self._appearance.window_s))
+        return memory.since(time_ns - seconds_to_ns(self.appearance.window_s))
 
     def _take_in(
         self, tracked: TrackStates, found: Detections, rules: AssociationRound, next_id: int, time_ns: int
@@ -210,41 +225,62 @@ class Tracker:
 
         The second result is the next id then.
         """
-        embedded = self._appearance is not None and found.embedding is not None
-        if embedded:
-            tracked = replace(tracked, appearance=tracked.appearance.ready_for(found))
-        rows, columns = rules.association.match(tracked, found)
-        boxes, younger = found.boxes.array, rows
-        if self._appearance is not None and embedded:
-            rows = self._appearance.older(tracked, found, rows, columns, self._were_reported(tracked))
+        if self.appearance is None or found.embedding is None:
+            pairs = rules.association.match(tracked, found)
+            tracked, new = self.take_in(tracked, found, pairs, next_id, time_ns, rules.initiator)
+            return tracked, next_id + len(new)
+        tracked = replace(tracked, appearance=tracked.appearance.ready_for(found))
+        younger, columns = rules.association.match(tracked, found)
+        rows = self.appearance.older(tracked, found, younger, columns, self._were_reported(tracked))
         if len(rows):
-            tracked = self._update(tracked, rows, found, boxes, columns, time_ns)
-        free = np.ones(len(found), dtype=np.bool_)
-        free[columns] = False
-        if self._appearance is not None and embedded:
-            shown = self._appearance.repeats(found, columns, tracked.appearance.take(rows))
-            tracked = _add_repeats(tracked, rows, columns, found, shown, time_ns)
-            free &= shown == np.arange(len(found))
-        new = np.flatnonzero(free)
-        if len(new) and rules.initiator is not everything:
-            new = new[rules.initiator(found[new])]
+            tracked = self._update(tracked, rows, found, found.boxes.array, columns, time_ns)
+        shown = self.appearance.repeats(found, columns, tracked.appearance.take(rows))
+        tracked = _add_repeats(tracked, rows, columns, found, shown, time_ns)
+        new = _unmatched(found, columns, rules.initiator, shown == np.arange(len(found)))
         if not np.array_equal(rows, younger):
             tracked = tracked[np.setdiff1d(np.arange(len(tracked)), np.setdiff1d(younger, rows))]
-        if len(new):
-            tracked = tracked.join(self._initiate(found, boxes, new, next_id, tracked.appearance, time_ns))
-        return tracked, next_id + len(new)
+        return self._begin(tracked, found, new, next_id, time_ns), next_id + len(new)
+
+    def take_in(
+        self,
+        tracked: TrackStates,
+        found: Detections,
+        pairs: Pairs,
+        next_id: int,
+        time_ns: int,
+        initiator: Selector = everything,
+    ) -> tuple[TrackStates, Ints]:
+        """Return the tracks after valid detections that are matched to them, and the detections of the new, last ones.
+
+        The new ones have ids from `next_id` on.
+        """
+        rows, columns = pairs
+        if len(rows):
+            tracked = self._update(tracked, rows, found, found.boxes.array, columns, time_ns)
+        new = _unmatched(found, columns, initiator)
+        return self._begin(tracked, found, new, next_id, time_ns), new
+
+    def _begin(self, tracked: TrackStates, found: Detections, new: Ints, next_id: int, time_ns: int) -> TrackStates:
+        """Return the tracks and new ones behind them, of the detections at `new` (K,)."""
+        if not len(new):
+            return tracked
+        return tracked.join(self._initiate(found, found.boxes.array, new, next_id, tracked.appearance, time_ns))
 
     def _were_reported(self, tracked: TrackStates) -> Mask:
         """Return which predicted tracks (N,) have been reported, as far as their numbers of hits say."""
+        return self.confirmed(tracked, self.state.frame + 1)
+
+    def confirmed(self, tracked: TrackStates, frame: int | Ints) -> Mask:
+        """Return which predicted tracks (N,) would be reported with a detection in this frame, or each in its own."""
         seen = replace(tracked, misses=np.zeros_like(tracked.misses))
-        return self._lifecycle.reported(seen, self.state.frame + 1)
+        return self.lifecycle.reported(seen, frame)  # type: ignore[arg-type]  # see `Lifecycle.reported`
 
     def _update(
         self, tracked: TrackStates, rows: Ints, found: Detections, boxes: Floats, columns: Ints, time_ns: int
     ) -> TrackStates:
         """Return the tracks with those at `rows` (K,) updated by the detections at `columns` (K,), in place."""
         beliefs, covariance = tracked.beliefs, found.covariance
-        matched = self._motion.update(
+        matched = self.motion.update(
             Beliefs(beliefs.mean[rows], beliefs.covariance[rows]),
             boxes[columns],
             None if covariance is None else covariance[columns],
@@ -259,7 +295,7 @@ class Tracker:
         memory = tracked.appearance
         if found.embedding is not None and memory.dim:
             memory = memory.update(rows, memory.readable(found)[columns], time_ns)
-        boxes, velocity = self._motion.boxes(beliefs), self._motion.velocity(beliefs)
+        boxes, velocity = self.motion.boxes(beliefs), self.motion.velocity(beliefs)
         return replace(tracked, boxes=boxes, velocity=velocity, appearance=memory)
 
     def _initiate(
@@ -267,14 +303,14 @@ class Tracker:
     ) -> TrackStates:
         """Return new tracks, one for each of the detections at `new` (K,)."""
         count, covariance = len(new), found.covariance
-        beliefs = self._motion.initiate(boxes[new], None if covariance is None else covariance[new])
+        beliefs = self.motion.initiate(boxes[new], None if covariance is None else covariance[new])
         detected = found.score[new]
         score = self._scoring.first(detected)
         none = np.zeros(count, dtype=np.int64)
         return TrackStates(
             beliefs,
-            self._motion.boxes(beliefs),
-            self._motion.velocity(beliefs),
+            self.motion.boxes(beliefs),
+            self.motion.velocity(beliefs),
             first_id + np.arange(count),
             found.label[new],
             score,
@@ -293,6 +329,14 @@ def _valid(groups: Sequence[Detections]) -> Iterable[Detections]:
     if isinstance(groups, DetectionGroups) and groups.parts is None and drop_invalid(groups.joined) is groups.joined:
         return groups  # as nearly always: one look at all of them was enough
     return map(drop_invalid, groups)
+
+
+def _unmatched(found: Detections, columns: Ints, initiator: Selector, free: Mask | None = None) -> Ints:
+    """Return the detections that begin tracks, of those that are free and not matched at `columns`."""
+    free = np.ones(len(found), dtype=np.bool_) if free is None else free.copy()
+    free[columns] = False
+    new = np.flatnonzero(free)
+    return new[initiator(found[new])] if len(new) and initiator is not everything else new
 
 
 def _apart_from(before: Floats, now: Floats) -> Floats:

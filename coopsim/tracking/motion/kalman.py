@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
+from coopsim.support.arrays import Ints
 from coopsim.support.kernels import njit
 
 
@@ -74,30 +75,44 @@ def stack(matrices: Floats) -> Floats:
     return np.ascontiguousarray(matrices if matrices.ndim == 3 else matrices[None])
 
 
+# Zeros are left out of all sums below: most of F is 0, and of a gain where covariances are nearly diagonal.
+
+
 @njit(cache=True, nogil=True)
 def _spread(covariance: Floats, transition: Floats, process: Floats) -> Floats:
-    """Return F P F^T + Q; most of F is 0 and is left out."""
+    """Return F P F^T + Q."""
     count, size = len(covariance), covariance.shape[1]
     out, half = np.empty((count, size, size)), np.empty((size, size))
+    places, number = np.zeros((size, size), np.int64), np.zeros(size, np.int64)
     for k in range(count):
         f = k if len(transition) > 1 else 0
+        if k == f:
+            _find_factors(transition[f], places, number)
         for i in range(size):
             for j in range(size):
                 half[i, j] = 0.0
-            for at in range(size):
+            for at in places[i, : number[i]]:
                 factor = transition[f, i, at]
-                if factor != 0:
-                    for j in range(size):
-                        half[i, j] += factor * covariance[k, at, j]
-        for j in range(size):
-            for i in range(size):
-                out[k, i, j] = process[i, j]
-            for at in range(size):
-                factor = transition[f, j, at]
-                if factor != 0:
-                    for i in range(size):
-                        out[k, i, j] += half[i, at] * factor
+                for j in range(size):
+                    half[i, j] += factor * covariance[k, at, j]
+        for i in range(size):
+            for j in range(size):
+                value = process[i, j]
+                for at in places[j, : number[j]]:
+                    value += half[i, at] * transition[f, j, at]
+                out[k, i, j] = value
     return out
+
+
+@njit(cache=True, nogil=True)
+def _find_factors(matrix: Floats, places: Ints, number: Ints) -> None:
+    """Write the places (n, n) of the elements of each row that are not 0, and their number (n,)."""
+    for i in range(len(matrix)):
+        number[i] = 0
+        for j in range(len(matrix)):
+            if matrix[i, j] != 0:
+                places[i, number[i]] = j
+                number[i] += 1
 
 
 @njit(cache=True, nogil=True)
@@ -141,6 +156,8 @@ def _joseph(
             noisy[i, j] = 0.0
         for at in range(measured):
             factor = gain[at, i]
+            if factor == 0:
+                continue
             for j in range(size):
                 kept[i, j] -= factor * covariance[k, at, j]
             for j in range(measured):
@@ -149,9 +166,10 @@ def _joseph(
         for j in range(size):
             out[k, i, j] = kept[i, j]
         for at in range(measured):
-            own, other = kept[i, at], noisy[i, at]
-            for j in range(size):
-                out[k, i, j] += (other - own) * gain[at, j]
+            change = noisy[i, at] - kept[i, at]
+            if change != 0:
+                for j in range(size):
+                    out[k, i, j] += change * gain[at, j]
     for i in range(size):
         for j in range(i):
             out[k, i, j] = out[k, j, i] = (out[k, i, j] + out[k, j, i]) / 2
@@ -164,19 +182,22 @@ def _solve(system: Floats, right: Floats) -> None:
     for j in range(size):
         for i in range(j + 1, size):
             ratio = system[i, j] / system[j, j]
-            for k in range(j + 1, i + 1):
-                system[i, k] -= ratio * system[k, j]
+            if ratio != 0:
+                for k in range(j + 1, i + 1):
+                    system[i, k] -= ratio * system[k, j]
         for i in range(j + 1, size):
             system[i, j] /= system[j, j]
     for i in range(size):
         for j in range(i):
             factor = system[i, j]
-            for k in range(width):
-                right[i, k] -= factor * right[j, k]
+            if factor != 0:
+                for k in range(width):
+                    right[i, k] -= factor * right[j, k]
     for i in range(size - 1, -1, -1):
         for k in range(width):
             right[i, k] /= system[i, i]
         for j in range(i + 1, size):
             factor = system[j, i]
-            for k in range(width):
-                right[i, k] -= factor * right[j, k]
+            if factor != 0:
+                for k in range(width):
+                    right[i, k] -= factor * right[j, k]

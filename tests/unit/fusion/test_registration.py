@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from coopsim.fusion.registration import Registration, match_rows, place, register_rows
+from coopsim.fusion.registration import Registration, place, register_rows
 from coopsim.geometry.assignment import hungarian
+from coopsim.geometry.box_matching import Likeness, ScoredBoxes, match_boxes
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import giou_bev
 from coopsim.geometry.se3 import Floats
@@ -111,8 +112,11 @@ def test_rows_are_matched_as_hungarian_matches_all_pairs_of_a_class(reach_m: flo
         same = rng.integers(0, min(len(own), len(other)) + 1)  # objects that both see
         other[:same] = own[:same] + rng.normal(0, 1, (same, 7)) * [0.6, 0.6, 1, 0.05, 0.05, 0.05, 0.2]
         label, other_label = rng.integers(0, classes, len(own)), rng.integers(0, classes, len(other))
+        score, other_score = rng.random(len(own)), rng.random(len(other))
         affinity = np.where(label[:, None] == other_label, giou_bev(own, other), -np.inf)
-        own_row, giou = match_rows(own, label, other, other_label)
+        own_row, giou = match_boxes(
+            ScoredBoxes(own, score, label), ScoredBoxes(other, other_score, other_label), Likeness(False, 0.0)
+        )
         for gate in (-1.0, -0.2, 0.14):
             rows, columns = hungarian(affinity, gate)
             assert np.flatnonzero(giou >= gate).tolist() == sorted(columns.tolist())
