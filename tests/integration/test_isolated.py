@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from pathlib import Path
@@ -162,9 +163,10 @@ def test_a_broken_policy_fails_by_a_named_error(name: str, message: str, tmp_pat
 
 def test_no_process_is_left_behind() -> None:
     with APART.policy(PolicySpec.parse("no_fusion")) as policy:
-        process = policy._process  # type: ignore[attr-defined]
-        assert process.poll() is None
-    assert process.poll() is not None
+        pid = policy._spare.process._pid  # type: ignore[attr-defined]
+        os.kill(pid, 0)
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
     with pytest.raises(IsolatedPolicyError, match="unknown parameter"):
         APART.policy(PolicySpec.parse("no_fusion(colour=3)")).__enter__()
 
