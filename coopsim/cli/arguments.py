@@ -180,6 +180,11 @@ def add_isolate(parser: argparse._ActionsContainer) -> None:
 def add_isolation(parser: argparse._ActionsContainer) -> None:
     """Declare `--isolate` and `--salt-fd`."""
     add_isolate(parser)
+    add_salt(parser)
+
+
+def add_salt(parser: argparse._ActionsContainer) -> None:
+    """Declare `--salt-fd`. The name of a file would stand among the arguments, which every process may read."""
     parser.add_argument(
         "--salt-fd",
         type=count_or_zero,

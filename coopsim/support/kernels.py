@@ -12,7 +12,6 @@ import hashlib
 import os
 import re
 import shutil
-import stat
 import tempfile
 import time
 import warnings
@@ -23,6 +22,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numba
 import numba.core.caching
+
+from coopsim.support.files import is_own_folder
 
 _numba: Any = numba  # most of it has no types
 _caching: Any = numba.core.caching
@@ -222,7 +223,7 @@ def _temporary_home() -> str | None:
     try:
         own = os.path.join(tempfile.gettempdir(), f"{_PACKAGE}-kernels-{getattr(os, 'getuid', str)()}")
         os.makedirs(own, mode=0o700, exist_ok=True)
-        if not _is_private(own):
+        if not is_own_folder(own):
             own = tempfile.mkdtemp(prefix=f"{_PACKAGE}-kernels-")
             atexit.register(shutil.rmtree, own, ignore_errors=True)
     except OSError:
@@ -234,12 +235,6 @@ def _temporary_home() -> str | None:
         stacklevel=2,
     )
     return own
-
-
-def _is_private(folder: str) -> bool:
-    found = os.lstat(folder)
-    mine = not hasattr(os, "getuid") or found.st_uid == os.getuid()
-    return stat.S_ISDIR(found.st_mode) and mine and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
 _caching.CacheImpl._locator_classes.insert(0, KernelLocator)

@@ -196,13 +196,20 @@ _warm = False
 
 
 def _warm_up(job: Job) -> None:
-    """Compile before a clock runs: once in a process, by three frames of its first job."""
+    """Compile before a clock runs: once in a process, by three frames of its first job.
+
+    They run in this process, as a policy's own cannot keep what it compiles. In place of a user's policy that is not
+    imported here runs one of ours.
+    """
     global _warm
     if _warm:
         return
     _warm = True
+    theirs = job.isolation.limit_s is not None and job.policy.place
+    policy = PolicySpec.parse("late_fusion(delayed=replay)") if theirs else job.policy
+    here = replace(job.isolation, limit_s=None)
     with contextlib.suppress(Exception):  # the cell itself will report it
-        _evaluate(replace(job, cell=replace(job.cell, frames=3)))
+        _evaluate(replace(job, cell=replace(job.cell, frames=3), policy=policy, isolation=here))
 
 
 @cache

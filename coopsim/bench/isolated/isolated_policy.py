@@ -46,7 +46,8 @@ class IsolatedPolicy(coopsim.Policy):
         self._readable = [os.path.abspath(path) for path in (*_folder_of(spec), *named_files(dict(spec.parameters)))]
         self._guests: dict[str, RemoteGuest] = {}
         self._seed: int | None = None
-        self._spare: RemoteGuest | None = first = self._start(0)
+        first = self._start(0)
+        self._spare: RemoteGuest | None = first
         try:
             self.needs, self.method = _needs_of(first), str(first.made["method"])
             self._guarded, self.confinement = bool(first.made["guarded"]), first.confinement
