@@ -173,7 +173,7 @@ def add_isolate(parser: argparse._ActionsContainer) -> None:
         nargs="?",
         const=60.0,
         metavar="SECONDS",
-        help="run each agent's policy in a process of its own, which gets its observations alone; time of a frame: 60 s",
+        help="run each agent in a process of its own, which gets its observations alone; time limit of a frame: 60 s",
     )
 
 

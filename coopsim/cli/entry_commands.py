@@ -90,7 +90,9 @@ def _score(options: argparse.Namespace) -> int:
     with _bar(entry.name, len(SCORED.cells(""))) as show:
         if options.out is not None:
             return _told(entry.name, *run_ranking(entry, options.out, engine, isolation, show))
-        scores, _ = SCORED.measure(entry, engine, isolation, work=f"{entry.digest[:24]}-{SCORED.digest}", on_progress=show)
+        scores, _ = SCORED.measure(
+            entry, engine, isolation, work=f"{entry.digest[:24]}-{SCORED.digest}", on_progress=show
+        )
     return _told(entry.name, scores, SCORED.write(entry.folder, scores))
 
 

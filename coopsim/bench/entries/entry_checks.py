@@ -32,9 +32,7 @@ def check_folder(folder: Path) -> list[str]:
     return [*_card(entry), *_scores(entry)]
 
 
-def check_entry(
-    folder: Path, *, whole: bool = False, isolation: Isolation, engine: Engine | None = None
-) -> list[str]:
+def check_entry(folder: Path, *, whole: bool = False, isolation: Isolation, engine: Engine | None = None) -> list[str]:
     """Check an entry's folder; then run it again, each agent in a process of its own, and check its policy.
 
     The warm-up and some cells of the scores, drawn now, must come out as the files say.
@@ -123,9 +121,7 @@ def _conformance(entry: EntryFolder, isolation: Isolation) -> Iterator[str]:
         yield _line(error).replace("<lambda>", entry.policy)
 
 
-def _rerun(
-    run: FixedRun, entry: EntryFolder, drawn: int | None, engine: Engine, isolation: Isolation
-) -> Iterator[str]:
+def _rerun(run: FixedRun, entry: EntryFolder, drawn: int | None, engine: Engine, isolation: Isolation) -> Iterator[str]:
     """Run cells again, and yield what came out otherwise than the file says."""
     try:
         stored = run.read(entry)

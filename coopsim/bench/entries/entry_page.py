@@ -35,18 +35,18 @@ _TITLES = {"boxes": "Policies that read boxes", "sensors": "Policies that read s
 
 _REPORTED = "Self-reported, without ranks"
 
-_RULES = """<b>Ranks</b> come from runs of the organisers alone. Their towns are decided by a secret salt, of which this page
-has a digest, so nobody else can make them again. Mean over the conditions of the preset <code>leaderboard</code>, with
-half of its 95 % interval over towns. A difference is paired by town, with its 95 % interval (bootstrap-t); p is the
-larger of the bootstrap's and the exact sign-flip test's, corrected by Holm. Policies on boxes get simulated detections
-and the others sweeps or pictures, so they are ranked apart.</p>
-<p class="note"><b>Self-reported</b> scores are those of the entrants, in public towns that a policy could know by heart.
-A check repeats some cells of them, and no more: they have no rank, and stand by name.</p>
-<p class="note"><b>Isolated</b> is each agent of a policy: a process of its own, which gets that agent's observations and
-seeds that do not name the town's. It has no salt in arguments, environment or readable memory, no privileges, and limits
-of memory, processor time, files and threads. It writes no file, where Linux has Landlock; each entry below says
-what held in its run. <b>Not isolated</b> are the agents of one policy from signals beside the data, such as the load
-of the processor and locks of files, and the processor's own side channels. Confinement is that of one kernel: it is no
+_RULES = """<b>Ranks</b> come from runs of the organisers alone. Their towns are decided by a secret salt, of which this
+page has a digest, so nobody else can make them again. Mean over the conditions of the preset <code>leaderboard</code>,
+with half of its 95 % interval over towns. A difference is paired by town, with its 95 % interval (bootstrap-t); p is
+the larger of the bootstrap's and the exact sign-flip test's, corrected by Holm. Policies on boxes get simulated
+detections and the others sweeps or pictures, so they are ranked apart.</p>
+<p class="note"><b>Self-reported</b> scores are those of the entrants, in public towns that a policy could know by
+heart. A check repeats some cells of them, and no more: they have no rank, and stand by name.</p>
+<p class="note"><b>Isolated</b> is each agent of a policy: a process of its own, which gets that agent's observations,
+and seeds that do not name the town's. There is no salt in arguments, environment or memory that it can read. It has no
+privileges, and limits of memory, processor time, files and threads. Each entry below says whether it also had a user of
+its own, only named files to read, nothing to write to, and no network. <b>Not isolated</b> are the agents of one policy
+from signals beside the data, such as the load of the processor and locks of files. All share one kernel: this is no
 virtual machine."""
 
 
@@ -137,12 +137,15 @@ class Board:
         table = self._results({name: row.scores for name, row in self._rows.items()})
         found = {each.policy: each for each in standings(table, SHOWN[0])}
         return [
-            (name, self._rows[name].scores["reads"], *_means(table, name), _bytes(found[name])) for name in sorted(found)
+            (name, self._rows[name].scores["reads"], *_means(table, name), _bytes(found[name]))
+            for name in sorted(found)
         ]
 
     def _results(self, scores: Mapping[str, Mapping[str, Any]]) -> ResultTable:
         rows = self._rows
-        return ResultTable.of([each for name, told in scores.items() for each in SCORED.results(rows[name].entry, told)])
+        return ResultTable.of(
+            [each for name, told in scores.items() for each in SCORED.results(rows[name].entry, told)]
+        )
 
     def _cells(self, table: ResultTable, standing: Standing, changes: Mapping[str, tuple[str, str]]) -> tuple[str, ...]:
         worst = standing.worst_condition

@@ -1,4 +1,4 @@
-"""Ranking runs: scores of entries that the organisers made with a secret salt, in a folder that no entrant writes to."""
+"""Ranking runs: scores that the organisers made with a secret salt, in a folder that no entrant writes to."""
 
 from __future__ import annotations
 

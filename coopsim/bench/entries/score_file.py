@@ -1,4 +1,4 @@
-"""Files of scores: written with a line for each cell, and read with a check of every key, as strangers write them, too."""
+"""Files of scores: written with a line for each cell, and read with a check of every key, as others write them too."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The program of a process that runs one agent's policy: it answers orders, which are all that it knows of the world."""
+"""The program of a process that runs one agent's policy: it answers orders, all that it knows of the world."""
 
 from __future__ import annotations
 

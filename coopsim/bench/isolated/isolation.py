@@ -15,7 +15,6 @@ from coopsim.bench.isolated.isolated_policy import IsolatedPolicy, require_no_tr
 from coopsim.catalog import PolicySpec
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import require_positive
-from coopsim.support.rng import derived_seed
 
 if TYPE_CHECKING:
     from coopsim.agents.policy import Needs, Policy
@@ -75,21 +74,15 @@ class Isolation:
 
     def seed(self, seed: int) -> int:
         """Return the seed of the episode of a run with this seed; below 2**62, as seeds of places are."""
-        if self.salt is None:
-            return seed
-        return int.from_bytes(hmac.digest(self.salt, str(seed).encode(), "sha256")[:8], "big") >> 2
+        return seed if self.salt is None else self._secret(str(seed))
 
     def guest_seed(self, seed: int) -> int:
-        """Return the seed that a policy is told in place of another: with a salt, nobody can find the other by trying."""
-        if self.salt is None:
-            return seed
-        return int.from_bytes(hmac.digest(self.salt, f"guest {seed}".encode(), "sha256")[:8], "big") >> 1
+        """Return the seed that a policy is told in place of another, which with a salt nobody finds by trying."""
+        return seed if self.salt is None else self._secret(f"guest {seed}")
 
     def told_place(self, seed: int, place_seed: int | None) -> int | None:
         """Return the seed of a drawn place for results; of a salted episode's own seed it is a digest."""
-        if self.salt is None or place_seed != seed:
-            return place_seed
-        return derived_seed(seed, "place") >> 1
+        return place_seed if self.salt is None or place_seed != seed else self._secret(f"place {seed}")
 
     @contextmanager
     def policy(self, spec: PolicySpec) -> Iterator[Policy]:
@@ -133,6 +126,10 @@ class Isolation:
     def seal(self, content: bytes) -> str:
         """Return what nobody without the salt can make of the content, 64 hexadecimal digits."""
         return hmac.digest(self.salt or b"", b"seal " + content, "sha256").hex()
+
+    def _secret(self, text: str) -> int:
+        """Return a number below 2**62 that the salt decides with a text, and that names neither."""
+        return int.from_bytes(hmac.digest(self.salt or b"", text.encode(), "sha256")[:8], "big") >> 2
 
     def as_data(self) -> dict[str, Any]:
         """Return what a store and a protocol say: of the salt, a digest; empty without isolation and salt."""
