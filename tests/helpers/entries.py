@@ -106,7 +106,7 @@ from coopsim.agents.boxes import LateFusion
 from coopsim.agents.truth import Truth
 
 class P(LateFusion):
-    _own = LateFusion.needs
+    _own, range_m, occluded = LateFusion.needs, 1000.0, True
 
     @property
     def needs(self):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import os
 import shutil
 import stat
@@ -28,7 +29,9 @@ def files_of(folder: Path) -> dict[str, Path]:
     """
     found, waiting, count, size = dict[str, Path](), [folder], 0, 0
     while waiting:
-        for item in os.scandir(waiting.pop()):
+        with os.scandir(waiting.pop()) as items:
+            listed = list(itertools.islice(items, MOST_FILES + 1))
+        for item in listed:
             path, name = Path(item.path), Path(item.path).relative_to(folder).as_posix()
             count += 1
             if not name.isprintable():

@@ -5,6 +5,7 @@ So each agent has a process of its own for milliseconds instead of a second. The
 
 from __future__ import annotations
 
+import atexit
 import gc
 import importlib
 import json
@@ -80,6 +81,19 @@ class _Server:
             fd = theirs.fileno()
             self.process = start_python(_PROGRAM, str(fd), pass_fds=(fd,), environment=_least_environment())
         self._socket, self._lock, self.owner = ours, threading.Lock(), os.getpid()
+        atexit.register(self.close)
+
+    @property
+    def is_alive(self) -> bool:
+        """True while it runs, and is a child of this process."""
+        return self.owner == os.getpid() and self.process.poll() is None
+
+    def close(self) -> None:
+        """End the server, and with it its processes."""
+        self._socket.close()
+        if self.owner == os.getpid():
+            self.process.kill()
+            self.process.communicate()
 
     def ask(self, told: Mapping[str, Any], files: Sequence[int] = ()) -> Any:
         """Tell the server something, hand over open files, and return its answer."""
@@ -97,7 +111,9 @@ _server: _Server | None = None
 def _running_server() -> _Server:
     """Return this process's server, which is started if need be."""
     global _server
-    if _server is None or _server.owner != os.getpid() or _server.process.poll() is not None:
+    if _server is None or not _server.is_alive:
+        if _server is not None:
+            _server.close()
         _server = _Server()
     return _server
 
