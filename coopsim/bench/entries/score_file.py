@@ -47,7 +47,7 @@ def read_scores(path: Path, metrics: Collection[str], more: Mapping[str, Callabl
     except (ValueError, RecursionError) as error:
         reason = str(error) if isinstance(error, ValueError) else "too many brackets"
         raise LeaderboardEntryError(f"{path.name} is broken: it is no JSON of numbers ({reason})") from error
-    checks = {**_CHECKS, **more, "cells": lambda cells: isinstance(cells, list) and len(cells) > 0}
+    checks = {**_CHECKS, **more, "cells": _is_full_list}
     if not isinstance(scores, dict) or scores.keys() != checks.keys():
         raise LeaderboardEntryError(f"{path.name} is broken: it must have the keys {', '.join(checks)} and no others")
     for key, accepts in checks.items():
@@ -68,6 +68,10 @@ def is_text(value: Any) -> bool:
 def is_digest(value: Any) -> bool:
     """Return whether a value is a SHA-256 in hexadecimal digits."""
     return isinstance(value, str) and re.fullmatch("[0-9a-f]{64}", value) is not None
+
+
+def _is_full_list(value: Any) -> bool:
+    return isinstance(value, list) and len(value) > 0
 
 
 def _is_table_of(accepts: Callable[[Any], bool]) -> Callable[[Any], bool]:

@@ -80,11 +80,11 @@ def confine(readable: Sequence[str], number: int, *, own_user: bool) -> dict[str
         return dict.fromkeys((OWN_USER, NAMED_FILES, READ_ONLY, NO_NETWORK), False)
     no_network, read_only = _leave_namespaces()
     _libc.prctl(_NO_NEW_RIGHTS, 1, 0, 0, 0)
+    _limit(_TASKS_OWN_USER if own_user else _TASKS)
     named_files = _only_files((*readable, *_python(), *_SYSTEM))
     if own_user:
         _become(_FIRST_USER + number % _USERS)
     _drop_capabilities()
-    _limit(_TASKS_OWN_USER if own_user else _TASKS)
     close_memory()
     return {
         OWN_USER: own_user,

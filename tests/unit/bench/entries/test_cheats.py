@@ -11,10 +11,11 @@ from typing import Any
 import pytest
 
 import coopsim
+from coopsim.bench.engine.engine import Engine
 from coopsim.bench.entries import entry_checks
-from coopsim.bench.entries.entry_checks import check_entry, check_folder
+from coopsim.bench.entries.entry_checks import check_folder
 from coopsim.bench.entries.entry_folder import EntryFolder
-from coopsim.bench.entries.fixed_run import SCORED, WARM_UP
+from coopsim.bench.entries.fixed_run import SCORED, WARM_UP, FixedRun
 from coopsim.bench.entries.ranking import read_rankings
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.catalog import PolicySpec
@@ -45,6 +46,11 @@ def spec_of(folder: Path, code: str) -> PolicySpec:
 def evaluated(spec: PolicySpec, isolation: Isolation, seed: int = 4000) -> coopsim.Evaluation:
     with isolation.policy(spec) as policy:
         return coopsim.evaluate(policy, "town", seed=isolation.seed(seed), **TOWN)
+
+
+def repeated(folder: Path, run: FixedRun) -> list[str]:
+    """Return what a check finds that repeats one cell of a run."""
+    return list(entry_checks._rerun(run, EntryFolder.read(folder), 1, Engine(), Isolation(60.0)))
 
 
 @pytest.fixture(scope="module")
@@ -91,8 +97,8 @@ def test_c_forge_scores_by_hand_rank_nothing(
     words = entry, forged, "--runs", ranked, "--out", tmp_path / "site", "--baseline", "mine"
     _, ranks, reported = page_of(*words, capsys=capsys)
     assert "forged" not in ranks and "99.9" in reported
-    lines = check_entry(forged, isolation=Isolation(60.0))
-    assert lines and all("scores.json differs in" in line for line in lines)
+    (line,) = repeated(forged, SCORED)
+    assert "scores.json differs in" in line
 
 
 @pytest.mark.parametrize(
@@ -119,11 +125,12 @@ def test_values_out_of_range_are_refused(entry: Path, name: str, value: Any) -> 
 
 
 @pytest.mark.parametrize("key", ["policy", "reads", "run", "software", "processor", "arithmetic", "code", "packages"])
-@pytest.mark.parametrize("value", [[], {"a": []}, "[" * 3, None, 3])
+@pytest.mark.parametrize("value", [[], {"a": []}, None, 3])
 def test_keys_of_another_type_are_one_line(entry: Path, key: str, value: Any) -> None:
     scores = json.loads((entry / SCORED.file).read_text())
     (entry / SCORED.file).write_text(json.dumps({**scores, key: value}))
-    assert len(check_folder(entry)) >= 1
+    (line,) = check_folder(entry)
+    assert line.startswith("scores.json is broken: ")
 
 
 @pytest.mark.parametrize("text", ["[" * 200_000, "{}", '{"cells": NaN}', "\udcff", '{"cells": ' + "9" * 5000 + "}"])
@@ -175,11 +182,8 @@ def test_c_patch_is_not_imported_by_its_check(entry: Path) -> None:
             cell["values"]["sAMOTA"] = 77.7
         run.write(entry, scores)
     assert check_folder(entry) == []
-    assert {line.partition(" ")[0] for line in check_entry(entry, isolation=Isolation(60.0))} == {
-        "warm_up.json",
-        "scores.json",
-    }
-    assert entry_checks.differences is before
+    (line,) = repeated(entry, WARM_UP)
+    assert "warm_up.json differs in" in line and "77.7" in line and entry_checks.differences is before
 
 
 @pytest.mark.parametrize("name", ["card.md", "entry.yaml", "scores.json", ".hidden", "more/data"])

@@ -50,7 +50,8 @@ class Probe(coopsim.Policy):
             "memory": lambda: bytearray(resource.getrlimit(resource.RLIMIT_DATA)[0] + 1),
             "root": lambda: os.setuid(0) if os.getuid() else os.chroot("/"),
         }
-        self.counts.update({name: possible(what) for name, what in tries.items()})
+        for name, what in tries.items():
+            self.counts[name] = possible(what)
         self.counts["files"] = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
         self.counts["open"] = len(os.listdir("/proc/self/fd"))
 
@@ -94,10 +95,10 @@ def in_a_child(*, own_user: bool) -> dict[str, bool]:
             os.write(writer, bytes(map(int, said)))
         finally:
             os._exit(0)
+    os.close(writer)
     os.waitpid(child, 0)
     told = os.read(reader, 8)
     os.close(reader)
-    os.close(writer)
     return dict(zip(("other", "no groups", "said"), map(bool, told), strict=True))
 
 
