@@ -65,7 +65,7 @@ def make_entry(folder: Path, policy: str = MINE, name: str = "mine", code: str =
 def tiny_grid(name: str, **given: Any) -> GridSource:
     """Return two towns of five frames, without the preset's conditions but one."""
     small = {"seeds": (4000, 4001), "frames": 5, "losses": (0.1,), "position_noises_m": (0.2,), "latencies_ms": (0,)}
-    return find_grid(name, **given, **small, heading_noises_deg=(0.2,), options=SMALL)
+    return find_grid(name, **{**small, "heading_noises_deg": (0.2,), "options": SMALL, **given})
 
 
 TWIN = """\

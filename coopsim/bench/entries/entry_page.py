@@ -97,7 +97,7 @@ class Board:
         more = f"{SHOWN[0]} against {baseline}", "p", "worst", "worst in"
         heads = "rank", "entry", *SHOWN, *more, BYTES_TITLE
         kinds = {ranking["reads"] for ranking in ranked.values()}
-        self._tables = {
+        self._tables: dict[str, tuple[tuple[str, ...], list[tuple[str, ...]]]] = {
             title: (heads, self._ranked({name: each for name, each in ranked.items() if each["reads"] == reads}))
             for reads, title in _TITLES.items()
             if reads in kinds

@@ -46,7 +46,7 @@ class GuestProcess:
 
     def __init__(self, readable: Sequence[str], number: int) -> None:
         (there, orders), (answers, back) = os.pipe(), os.pipe()
-        told = {"environment": _least_environment(), "path": _path(), "folder": os.getcwd()}
+        told: dict[str, Any] = {"environment": _least_environment(), "path": _path(), "folder": os.getcwd()}
         told |= {"readable": list(readable), "number": number}
         self._server = _running_server()
         self._pid = int(self._server.ask(told, (there, back)))
