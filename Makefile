@@ -61,7 +61,7 @@ check-pythons:
 # The site, from docs/ into build/site/index.html, and the leaderboard of the scores in leaderboard/; the switch silences what plugins say of mkdocs' future.
 docs: $(VENV)/.dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
-	$(BIN)/coopsim entry page leaderboard/* --out build/site/leaderboard
+	$(BIN)/coopsim entry page leaderboard/* --runs leaderboard_runs --out build/site/leaderboard
 
 bench: $(VENV)/.dev
 	$(BIN)/python -u -m pytest tests/benchmarks --override-ini=addopts= -s -q

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -53,6 +53,7 @@ def benchmark(
     retry_failed: bool = False,
     command: str = "",
     isolation: Isolation = Isolation(),  # noqa: B008  (frozen)
+    only: Collection[Cell] | None = None,
     on_progress: Callable[[Progress], object] = lambda progress: None,
     on_broken: Callable[[StoreError], object] = lambda error: None,
 ) -> list[CellResult]:
@@ -70,11 +71,12 @@ def benchmark(
         retry_failed: also run cells whose stored result is a traceback.
         command: the command that gives the same numbers, kept in the store.
         isolation: separation of policies from the world.
+        only: the cells to run; None: all of the grid.
         on_progress: called before the first cell and after each.
         on_broken: called for each broken file of the store; its cell is run again.
 
     Returns:
-        The results in the order of `grid.cells()`, those of failed cells included.
+        The results in the order of `grid.cells()`, or of `only`, those of failed cells included.
 
     Raises:
         CoopsimError: a name is unknown or a value is not accepted; the message says what is accepted.
@@ -84,7 +86,8 @@ def benchmark(
     store = Store(folder)
     metrics = MetricSpec.all()  # after `check`, which loads the policies' files
     sources = Sources()
-    jobs = [Job.of(cell, grid.options, policies[cell.policy], metrics, isolation, sources) for cell in grid.cells()]
+    cells = grid.cells() if only is None else only
+    jobs = [Job.of(cell, grid.options, policies[cell.policy], metrics, isolation, sources) for cell in cells]
     store.begin([job.key for job in jobs], Provenance.of(grid, command, isolation).as_data())
     results = _stored(store, jobs, on_broken)
     results = {cell: result for cell, result in results.items() if not (result.failed and retry_failed)}

@@ -173,18 +173,23 @@ def add_isolate(parser: argparse._ActionsContainer) -> None:
         nargs="?",
         const=60.0,
         metavar="SECONDS",
-        help="run each policy in a process of its own, which gets observations alone; time limit of a frame: 60 s",
+        help="run each agent in a process of its own, which gets its observations alone; time limit of a frame: 60 s",
     )
 
 
 def add_isolation(parser: argparse._ActionsContainer) -> None:
-    """Declare `--isolate` and `--salt`."""
+    """Declare `--isolate` and `--salt-fd`."""
     add_isolate(parser)
+    add_salt(parser)
+
+
+def add_salt(parser: argparse._ActionsContainer) -> None:
+    """Declare `--salt-fd`. The name of a file would stand among the arguments, which every process may read."""
     parser.add_argument(
-        "--salt",
-        type=Path,
-        metavar="FILE",
-        help="a secret that, with the seeds, decides the episodes (16 bytes or more)",
+        "--salt-fd",
+        type=count_or_zero,
+        metavar="N",
+        help="open file with a secret that, with the seeds, decides the episodes (16 bytes or more), as in `3< FILE`",
     )
 
 

@@ -176,7 +176,7 @@ def _run_bench(options: argparse.Namespace) -> int:
     given = {"more_policies": options.policy, "trust": options.trust, **_flag_values(options)}
     source = find_grid(options.preset, options.grid, **given)
     grid = source.grid()
-    isolation = Isolation.of(options.isolate, options.salt)
+    isolation = Isolation.of(options.isolate, options.salt_fd)
     if options.json is not None:
         require_writable(options.json)
     if options.dry_run:

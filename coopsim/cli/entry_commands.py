@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from coopsim.cli.arguments import FAILED, Command, Parser, add_isolate, count
+from coopsim.cli.arguments import FAILED, Command, Parser, add_salt, count, seconds
+from coopsim.errors import InvalidValueError
 
 if TYPE_CHECKING:
     from coopsim.bench.benchmark import Progress
@@ -19,19 +20,31 @@ def _add_entry(parser: argparse.ArgumentParser) -> None:
     new = does.add_parser("new", help="make a folder with a policy and a card to fill in")
     warm_up = does.add_parser("warm-up", help="run the warm-up, and write warm_up.json")
     score = does.add_parser(
-        "score", help="run what ranks, and write scores.json; after Ctrl-C the same command goes on"
+        "score",
+        help="run the public towns, and write scores.json; or with a salt, for the organisers, those that rank; after "
+        "Ctrl-C the same command goes on",
     )
-    check = does.add_parser("check", help="check folders: card, code, conformance, and the warm-up run again")
+    check = does.add_parser("check", help="check folders: card, code, conformance, and some runs again, isolated")
     page = does.add_parser("page", help="write the leaderboard of folders as HTML; those with a fault do not enter")
     for one in (new, warm_up, score):
         one.add_argument("folder", type=Path, metavar="FOLDER", help="of the entry")
     for several in (check, page):
         several.add_argument("folders", type=Path, nargs="+", metavar="FOLDER", help="of an entry")
     for runs in (warm_up, score, check, page):
-        add_isolate(runs)
+        runs.add_argument(
+            "--isolate",
+            type=seconds,
+            default=60.0,
+            metavar="SECONDS",
+            help="time limit of a frame; each agent runs in a process of its own, always (default: %(default)g)",
+        )
+    for secret in (score, page):
+        add_salt(secret)
+    score.add_argument("--out", type=Path, metavar="FOLDER", help="of the organisers' runs, which get one more")
+    page.add_argument("--runs", type=Path, metavar="FOLDER", help="the organisers' runs; without, nothing is ranked")
     for long in (score, check, page):
         long.add_argument("--workers", type=count, help="runs at once (default: as many as cores)")
-    check.add_argument("--whole", action="store_true", help="run all scores again, too: minutes instead of seconds")
+    check.add_argument("--whole", action="store_true", help="run all scores again: minutes instead of seconds")
     page.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="gets index.html")
     page.add_argument(
         "--baseline", default="late_fusion", metavar="NAME", help="compare with it (default: %(default)s)"
@@ -52,62 +65,85 @@ def _new(options: argparse.Namespace) -> int:
 
 
 def _warm_up(options: argparse.Namespace) -> int:
-    from coopsim.bench.entries.fixed_run import WARM_UP
-
-    with tempfile.TemporaryDirectory() as store:
-        return _measure(options, WARM_UP, Path(store), 1)
-
-
-def _score(options: argparse.Namespace) -> int:
-    from coopsim.bench.entries.entry_folder import RUNS
-    from coopsim.bench.entries.fixed_run import SCORED
-
-    return _measure(options, SCORED, options.folder / RUNS, options.workers)
-
-
-def _measure(options: argparse.Namespace, run: Any, store: Path, workers: int | None) -> int:
-    """Run an entry's policy, and write its scores."""
-    from tqdm import tqdm
-
     from coopsim.bench.engine.engine import Engine
     from coopsim.bench.entries.entry_folder import EntryFolder
-    from coopsim.bench.entries.fixed_run import mean_of
+    from coopsim.bench.entries.fixed_run import WARM_UP
     from coopsim.bench.isolated.isolation import Isolation
 
     entry = EntryFolder.read(options.folder)
-    with tqdm(total=len(run.cells(entry.name)), unit="run", disable=None, desc=entry.name) as bar:
+    with _bar(entry.name, len(WARM_UP.cells(""))) as show:
+        scores, _ = WARM_UP.measure(entry, Engine(workers=1), Isolation(options.isolate), on_progress=show)
+    return _told(entry.name, scores, WARM_UP.write(entry.folder, scores))
+
+
+def _score(options: argparse.Namespace) -> int:
+    from coopsim.bench.engine.engine import Engine
+    from coopsim.bench.entries.entry_folder import EntryFolder
+    from coopsim.bench.entries.fixed_run import SCORED
+    from coopsim.bench.entries.ranking import run_ranking
+    from coopsim.bench.isolated.isolation import Isolation
+
+    if (options.out is None) != (options.salt_fd is None):
+        raise InvalidValueError("out and salt-fd must be given both, for a ranking run, or neither, for scores.json")
+    entry, engine = EntryFolder.read(options.folder), Engine(workers=options.workers)
+    isolation = Isolation.of(options.isolate, options.salt_fd)
+    with _bar(entry.name, len(SCORED.cells(""))) as show:
+        if options.out is not None:
+            return _told(entry.name, *run_ranking(entry, options.out, engine, isolation, show))
+        scores, _ = SCORED.measure(
+            entry, engine, isolation, work=f"{entry.digest[:24]}-{SCORED.digest}", on_progress=show
+        )
+    return _told(entry.name, scores, SCORED.write(entry.folder, scores))
+
+
+@contextmanager
+def _bar(name: str, total: int) -> Iterator[Callable[[Progress], None]]:
+    """Show a bar, and give the function that moves it."""
+    from tqdm import tqdm
+
+    with tqdm(total=total, unit="run", disable=None, desc=name) as bar:
 
         def show(progress: Progress) -> None:
             bar.n = progress.stored + progress.done
             bar.refresh()
 
-        scores = run.measure(entry, store, Engine(workers=workers), Isolation(options.isolate), show)
-    print(f"{entry.name}: {mean_of(scores)}")
-    print(f"written: {run.write(entry.folder, scores)}")
+        yield show
+
+
+def _told(name: str, scores: Mapping[str, Any], written: Path) -> int:
+    from coopsim.bench.entries.fixed_run import mean_of
+
+    print(f"{name}: {mean_of(scores)}\nwritten: {written}")
     return 0
 
 
 def _check(options: argparse.Namespace) -> int:
+    from coopsim.bench.entries.entry_files import printable
+
     problems = _problems(options, rerun=True, whole=options.whole)
     for folder, lines in problems.items():
         for line in lines:
-            print(f"{folder}: {line}")
+            print(printable(f"{folder}: {line}"))
         if not lines:
-            print(f"{folder} is as it should be")
+            print(printable(f"{folder} is as it should be"))
     return FAILED if any(problems.values()) else 0
 
 
 def _page(options: argparse.Namespace) -> int:
+    from coopsim.bench.entries.entry_files import printable
     from coopsim.bench.entries.entry_page import Board, enter_all, write_board
+    from coopsim.bench.entries.ranking import read_rankings
+    from coopsim.bench.isolated.isolation import Isolation
 
-    rows, lines = enter_all(options.folders, _problems(options, rerun=options.rerun))
-    for line in lines:
-        print(line)
+    rankings, left_out = read_rankings(options.runs, Isolation.of(options.isolate, options.salt_fd))
+    rows, lines = enter_all(options.folders, _problems(options, rerun=options.rerun), rankings)
+    for line in (*left_out, *lines):
+        print(printable(line))
     if lines and not rows:
         return FAILED
     board = Board(rows, options.baseline)
     print(f"{board.text()}\n\nwritten: {write_board(board, options.out)}")
-    return FAILED if lines else 0
+    return FAILED if lines or left_out else 0
 
 
 def _problems(options: argparse.Namespace, *, rerun: bool, whole: bool = False) -> dict[Path, list[str]]:

@@ -143,7 +143,7 @@ def _run_leaderboard(options: argparse.Namespace) -> int:
     from coopsim.support.files import make_folder
 
     make_folder(options.out)
-    isolation = Isolation.of(options.isolate, options.salt)
+    isolation = Isolation.of(options.isolate, options.salt_fd)
     given = _replay_options(options)
     ranked = [policy_on(options.device, text) for text in options.policies or policies_on_boxes()]
     each = evaluate_each(options.path, options.detections, ranked, isolation=isolation, **given)

@@ -12,7 +12,6 @@ import hashlib
 import os
 import re
 import shutil
-import stat
 import tempfile
 import time
 import warnings
@@ -23,6 +22,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numba
 import numba.core.caching
+
+from coopsim.support.files import is_own_folder
 
 _numba: Any = numba  # most of it has no types
 _caching: Any = numba.core.caching
@@ -53,6 +54,19 @@ def vectorize(**options: Any) -> Callable[[_Function], _Function]:
 
 def _possible(options: dict[str, Any]) -> dict[str, Any]:
     return options if options.get("cache") is not True or _has_folder() else {**options, "cache": False}
+
+
+def keep_no_kernels() -> None:
+    """Read kernels that are kept, and keep no further ones, from now on in this process: it may write nothing."""
+    global _writes
+    _writes = False
+    for memory in (_has_folder, _version_folder):
+        memory.cache_clear()
+    _caching.FunctionCache.save_overload = lambda *_: None
+    _caching.CacheImpl._locator_classes.append(_Nowhere)
+
+
+_writes = True
 
 
 @lru_cache
@@ -87,6 +101,14 @@ class KernelLocator(_caching._CacheLocator):  # type: ignore[misc]
         digest = _current_digest(name, py_func.__globals__.get("__spec__"))
         folder = _version_folder(py_file, digest)
         return None if folder is None else cls(folder, digest, py_func.__code__.co_firstlineno)
+
+
+class _Nowhere(KernelLocator):
+    """The place of kernels for which no folder is to be had: none are found there."""
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> KernelLocator | None:
+        return cls(os.devnull, "", py_func.__code__.co_firstlineno)
 
 
 _specs: dict[str, Any] = {}
@@ -138,7 +160,7 @@ def _path(name: str) -> Path:
 @lru_cache(None)
 def _version_folder(py_file: str, digest: str) -> str | None:
     """Return the folder for a version of a module's kernels, made if need be; None: there is no place for it."""
-    for home in (_chosen_home, _home_in_package, _home_of_user, _home_for_now):
+    for home in (_chosen_home, _home_in_package, _home_of_user, *((_home_for_now,) if _writes else ())):
         base = home(py_file)
         folder = base and os.path.join(base, f"{Path(py_file).stem}-{digest}")
         if folder and _is_made(folder):
@@ -148,6 +170,8 @@ def _version_folder(py_file: str, digest: str) -> str | None:
 
 def _is_made(folder: str) -> bool:
     """Make a folder if need be, note that it is in use, and tell whether files can be written there."""
+    if not _writes:
+        return os.path.isdir(folder)
     try:
         if not os.path.isdir(folder):
             os.makedirs(folder, exist_ok=True)
@@ -199,7 +223,7 @@ def _temporary_home() -> str | None:
     try:
         own = os.path.join(tempfile.gettempdir(), f"{_PACKAGE}-kernels-{getattr(os, 'getuid', str)()}")
         os.makedirs(own, mode=0o700, exist_ok=True)
-        if not _is_private(own):
+        if not is_own_folder(own):
             own = tempfile.mkdtemp(prefix=f"{_PACKAGE}-kernels-")
             atexit.register(shutil.rmtree, own, ignore_errors=True)
     except OSError:
@@ -211,12 +235,6 @@ def _temporary_home() -> str | None:
         stacklevel=2,
     )
     return own
-
-
-def _is_private(folder: str) -> bool:
-    found = os.lstat(folder)
-    mine = not hasattr(os, "getuid") or found.st_uid == os.getuid()
-    return stat.S_ISDIR(found.st_mode) and mine and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
 _caching.CacheImpl._locator_classes.insert(0, KernelLocator)

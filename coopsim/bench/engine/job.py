@@ -197,13 +197,20 @@ _warm = False
 
 
 def _warm_up(job: Job) -> None:
-    """Compile before a clock runs: once in a process, by three frames of its first job."""
+    """Compile before a clock runs: once in a process, by the first frames of its first job.
+
+    They run in this process. A policy's own cannot keep what it compiles, so for its sake there are more frames, in
+    which late messages arrive. In place of a user's policy that is not imported here runs one of ours.
+    """
     global _warm
     if _warm:
         return
     _warm = True
+    apart = job.isolation.limit_s is not None
+    policy = PolicySpec.parse("late_fusion(delayed=replay)") if apart and job.policy.place else job.policy
+    cell, here = replace(job.cell, frames=12 if apart else 3), replace(job.isolation, limit_s=None)
     with contextlib.suppress(Exception):  # the cell itself will report it
-        _evaluate(replace(job, cell=replace(job.cell, frames=3)))
+        _evaluate(replace(job, cell=cell, policy=policy, isolation=here))
 
 
 @cache

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from coopsim.bench.engine.engine import Engine
+from coopsim.bench.entries.entry_files import printable, work_folder
 from coopsim.bench.entries.entry_folder import CARD, HEADINGS, OURS, EntryFolder
 from coopsim.bench.entries.fixed_run import SCORED, WARM_UP, FixedRun, differences, needs_of
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.errors import CoopsimError, LeaderboardEntryError
+from coopsim.support.rng import fresh_seed, stream
+
+DRAWN = 2
+"""Cells of the scores that a check runs again; it draws them itself."""
 
 
 def check_folder(folder: Path) -> list[str]:
@@ -28,19 +32,15 @@ def check_folder(folder: Path) -> list[str]:
     return [*_card(entry), *_scores(entry)]
 
 
-def check_entry(
-    folder: Path,
-    *,
-    whole: bool = False,
-    isolation: Isolation = Isolation(),  # noqa: B008  (frozen)
-    engine: Engine | None = None,
-) -> list[str]:
-    """Check an entry's folder; then check its policy, and run the warm-up again, which must come out equal.
+def check_entry(folder: Path, *, whole: bool = False, isolation: Isolation, engine: Engine | None = None) -> list[str]:
+    """Check an entry's folder; then run it again, each agent in a process of its own, and check its policy.
+
+    The warm-up and some cells of the scores, drawn now, must come out as the files say.
 
     Args:
         folder: the entry's.
-        whole: run all scores again, not the warm-up alone.
-        isolation: separation of the policy from the world.
+        whole: run all scores again, not some cells.
+        isolation: separation of the policy from the world, in processes of its own.
         engine: runs the cells; None: processes of this machine, as many as cores.
 
     Raises:
@@ -49,14 +49,14 @@ def check_entry(
     problems = check_folder(folder)
     try:
         entry = EntryFolder.read(folder)
-        entry.code()
-        needs_of(entry, isolation)
+        entry.packages()
+        with work_folder() as place:
+            needs_of(entry.copy_to(place / "entry"), isolation)
     except CoopsimError as error:
         return list(dict.fromkeys([*problems, _line(error)]))
-    problems += _conformance(entry, isolation)
-    for run in (WARM_UP, SCORED) if whole else (WARM_UP,):
-        problems += _rerun(run, entry, engine or Engine(), isolation)
-    return problems
+    for run in (WARM_UP, SCORED):
+        problems += _rerun(run, entry, None if whole else DRAWN, engine or Engine(), isolation)
+    return [*problems, *_conformance(entry, isolation)]
 
 
 def _card(entry: EntryFolder) -> Iterator[str]:
@@ -74,7 +74,7 @@ def _card(entry: EntryFolder) -> Iterator[str]:
 
 def _scores(entry: EntryFolder) -> Iterator[str]:
     try:
-        code = entry.code()
+        code = {**entry.code(), **_others(entry.packages())}
     except CoopsimError as error:
         yield _line(error)
         return
@@ -90,13 +90,20 @@ def _stale(run: FixedRun, entry: EntryFolder, scores: Mapping[str, Any], code: M
     remedy = f"run `coopsim entry {run.command} {entry.folder}`"
     if scores["policy"] != entry.policy:
         yield f"{run.file} is of the policy {scores['policy']!r}, and the entry's is {entry.policy!r}: {remedy}"
-    if scores["run"] != f"{run.preset} {run.digest}" or _names(scores) != list(run.cells(entry.name)):
+    cells = run.cells(entry.name)
+    if scores["run"] != f"{run.preset} {run.digest}" or _names(scores) != list(cells):
         yield f"{run.file} is of another fixed run than that of this coopsim: {remedy}"
-    before = scores["code"]
+    elif [cell["place_seed"] for cell in scores["cells"]] != [cell.seed for cell in cells.values()]:
+        yield f"{run.file} is of other towns than those of its cells: {remedy}"
+    before = {**scores["code"], **_others(scores["packages"])}
     changed = sorted(name for name in before.keys() | code.keys() if before.get(name) != code.get(name))
-    changed = [name for name in changed if name != OURS]
     if changed:
         yield f"{', '.join(changed)} changed since {run.file} was made: {remedy}"
+
+
+def _others(packages: Mapping[str, str]) -> dict[str, str]:
+    """Return the packages but ours, by names that no file has."""
+    return {f"package {name}:": digest for name, digest in packages.items() if name != OURS}
 
 
 def _names(scores: Mapping[str, Any]) -> list[str]:
@@ -106,29 +113,36 @@ def _names(scores: Mapping[str, Any]) -> list[str]:
 def _conformance(entry: EntryFolder, isolation: Isolation) -> Iterator[str]:
     from coopsim.testing import check_policy  # which plays episodes, and so stands on this room
 
-    spec = entry.spec()
     try:
-        with ExitStack() as stack:
+        with work_folder() as place, ExitStack() as stack:
+            spec = entry.copy_to(place / "entry").spec()
             check_policy(lambda: stack.enter_context(isolation.policy(spec)))
     except (AssertionError, CoopsimError) as error:
         yield _line(error).replace("<lambda>", entry.policy)
 
 
-def _rerun(run: FixedRun, entry: EntryFolder, engine: Engine, isolation: Isolation) -> Iterator[str]:
-    """Run again, and yield what came out otherwise."""
-    try:
-        with tempfile.TemporaryDirectory() as store:
-            fresh = run.measure(entry, Path(store), engine, isolation)
-    except CoopsimError as error:
-        yield _line(error)
-        return
+def _rerun(run: FixedRun, entry: EntryFolder, drawn: int | None, engine: Engine, isolation: Isolation) -> Iterator[str]:
+    """Run cells again, and yield what came out otherwise than the file says."""
     try:
         stored = run.read(entry)
     except LeaderboardEntryError:
-        return  # the folder's check says so
-    if _names(stored) == _names(fresh):
+        stored = None  # the folder's check says so
+    try:
+        fresh, _ = run.measure(entry, engine, isolation, only=_draw(list(run.cells(entry.name)), drawn))
+    except CoopsimError as error:
+        yield _line(error)
+        return
+    if stored is not None and set(_names(fresh)) <= set(_names(stored)):
         yield from differences(run.file, stored, fresh)
 
 
+def _draw(names: Sequence[str], count: int | None) -> list[str]:
+    """Draw some names by chance that nobody knows before; None: all."""
+    if count is None or count >= len(names):
+        return list(names)
+    chosen = stream(fresh_seed(), "cells to repeat").choice(len(names), count, replace=False)
+    return [names[k] for k in sorted(chosen.tolist())]
+
+
 def _line(error: Exception) -> str:
-    return " ".join(str(error).split())
+    return printable(" ".join(str(error).split()))

@@ -5,26 +5,26 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Self
 
+from coopsim.bench.entries.entry_files import copy_files, digest_of_file, files_of, read_text
 from coopsim.bench.store.fingerprint import package_digest
 from coopsim.catalog import PolicySpec
 from coopsim.config.spec import parse_spec, spell_spec
 from coopsim.config.yaml_file import read_yaml
 from coopsim.errors import InvalidValueError, LeaderboardEntryError
 
-ABOUT, CARD, RUNS = "entry.yaml", "card.md", "runs"
-"""Names in an entry's folder: its description, its card, and the store of unfinished runs."""
+ABOUT, CARD, SCORES = "entry.yaml", "card.md", ("warm_up.json", "scores.json")
+"""Names in an entry's folder: its description, its card, and the scores that it reports of itself."""
 
 HEADINGS = ("Method", "Source", "Differences from the paper", "Training and tuning")
 """Headings of a card, each with a text."""
 
 OURS = "coopsim"
-"""Key of the library's own digest. It changes with every version, so scores say if it matters."""
+"""Package whose digest changes with every version, so scores say if it matters."""
 
 _REQUIRED, _OPTIONAL = ("name", "policy", "authors", "license"), ("url",)
 _NO_SOURCE = hashlib.sha256(b"").hexdigest()
@@ -56,19 +56,25 @@ class EntryFolder:
 
         Raises:
             InvalidValueError: there is no such folder.
-            LeaderboardEntryError: `entry.yaml` is missing or broken; names the line.
+            LeaderboardEntryError: it has something else than files, or too much; or `entry.yaml` is missing or broken,
+                and the line is named.
         """
-        if not Path(folder).is_dir():
-            raise InvalidValueError(f"entry must be a folder with {ABOUT}, got {str(folder)!r}")
+        if not Path(folder).is_dir() or Path(folder).is_symlink():
+            raise InvalidValueError(f"entry must be a folder with {ABOUT}, and no link, got {str(folder)!r}")
+        if ABOUT in files_of(Path(folder)):
+            read_text(Path(folder, ABOUT))  # which refuses what is too large
         root = read_yaml(Path(folder, ABOUT), LeaderboardEntryError)
         given = root.fields(_REQUIRED, _OPTIONAL)
         texts = {key: entry.text().strip() for key, entry in given.items() if key != "authors"}
         for key in ("name", "policy", "license"):
             if not texts[key]:
                 raise given[key].error(f"{key} must be a text, got nothing")
+        for key, entry in given.items():
+            if key != "authors" and not texts[key].isprintable():
+                raise entry.error(f"{key} must be of printable characters, got {texts[key]!a}")
         authors = tuple(each.text().strip() for each in given["authors"].entries(" of names"))
-        if not authors or not all(authors):
-            raise given["authors"].error("authors must be at least one name")
+        if not authors or not all(name and name.isprintable() for name in authors):
+            raise given["authors"].error("authors must be at least one name, of printable characters")
         if texts.get("url") and not re.match(r"https?://", texts["url"]):
             raise given["url"].error(f"url must begin with https:// or http://, got {texts['url']!r}")
         return cls(Path(folder), authors=authors, **texts)
@@ -87,32 +93,39 @@ class EntryFolder:
         return PolicySpec.parse(spell_spec(target, parameters | paths))
 
     def code(self) -> dict[str, str]:
-        """Return the digest of every file of the folder that is code or data, and of the package that the policy names.
+        """Return the digest of every file of the folder but its scores, by name. Raises `LeaderboardEntryError`."""
+        return {name: digest_of_file(path) for name, path in self._read().items()}
 
-        Nothing of the entry is imported.
+    def packages(self) -> dict[str, str]:
+        """Return the digests of coopsim and of the package that the policy names; nothing is imported.
 
         Raises:
             CoopsimError: the policy has no source that can be read.
         """
-        spec = self.spec()
-        found = {path.relative_to(self.folder).as_posix(): _digest(path.read_bytes()) for path in self._files()}
-        if spec.source is None:
-            module = spec.place or spec.policy_class().__module__
-            package = module.partition(".")[0]
-            digest = package_digest(package) if find_spec(package) else _NO_SOURCE
-            if digest == _NO_SOURCE:
-                raise LeaderboardEntryError(f"policy {self.policy!r} has no source here: there is none of {package!r}")
-            found[package] = digest
+        spec, found = self.spec(), {OURS: package_digest(OURS)}
+        package = OURS if spec.source is not None else (spec.place or spec.policy_class().__module__).partition(".")[0]
+        if package not in found:
+            found[package] = package_digest(package) if find_spec(package) else _NO_SOURCE
+        if _NO_SOURCE in found.values():
+            raise LeaderboardEntryError(f"policy {self.policy!r} has no source here: there is none of {package!r}")
         return found
+
+    @property
+    def digest(self) -> str:
+        """Digest of all that is the entry's own, 64 hexadecimal digits. Raises as `packages` does."""
+        theirs = {name: digest for name, digest in self.packages().items() if name != OURS}
+        return hashlib.sha256(json.dumps([self.policy, self.code(), theirs], sort_keys=True).encode()).hexdigest()
+
+    def copy_to(self, folder: Path) -> Self:
+        """Copy all files but the scores, and return the copy: what was digested is what runs."""
+        copy_files(self._read(), folder)
+        return replace(self, folder=folder)
 
     def card(self) -> dict[str, str]:
         """Return the text below each heading of the card, without comments. Raises `LeaderboardEntryError`."""
-        path = self.folder / CARD
-        try:
-            text = path.read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise LeaderboardEntryError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from error
-        parts = re.split(r"^#+ +(.+?) *$", re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL), flags=re.MULTILINE)
+        text, *commented = read_text(self.folder / CARD).split("<!--")
+        text += "".join(part.partition("-->")[2] for part in commented)
+        parts = re.split(r"^#+ +(.+?) *$", text, flags=re.MULTILINE)
         return {heading: below.strip() for heading, below in zip(parts[1::2], parts[2::2], strict=True)}
 
     def _inside(self, name: str) -> Path:
@@ -123,23 +136,9 @@ class EntryFolder:
             raise LeaderboardEntryError(f"policy names {name!r}, and there is no such file in {self.folder}")
         return path
 
-    def _files(self) -> Iterator[Path]:
-        apart = (ABOUT, CARD, RUNS, "warm_up.json", "scores.json")
-        for path in sorted(self.folder.rglob("*")):
-            parts = path.relative_to(self.folder).parts
-            hidden = any(part.startswith(".") or part == "__pycache__" for part in parts)
-            if path.is_file() and not hidden and parts[0] not in apart:
-                yield path
-
-
-def digest_of(code: dict[str, str]) -> str:
-    """Return one digest of all code of an entry, 64 hexadecimal digits."""
-    return _digest(json.dumps(code, sort_keys=True).encode())
+    def _read(self) -> dict[str, Path]:
+        return {name: path for name, path in files_of(self.folder).items() if name not in SCORES}
 
 
 def _is_path(value: object) -> bool:
     return isinstance(value, str) and ("/" in value or value.endswith(".safetensors"))
-
-
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()

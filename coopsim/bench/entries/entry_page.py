@@ -1,4 +1,4 @@
-"""The page of the leaderboard: a ranked table for each kind of input, and each entry with its card."""
+"""The page of the leaderboard: tables of the ranking runs, a table of what entries report, and each entry's card."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.bench.entries.entry_folder import HEADINGS, EntryFolder, digest_of
+from coopsim.bench.entries.entry_folder import HEADINGS, EntryFolder
 from coopsim.bench.entries.fixed_run import SCORED, SHOWN
 from coopsim.bench.grid.cell import short_label
 from coopsim.bench.report.bench_text import (
@@ -33,10 +33,21 @@ from coopsim.support.files import make_folder, write_whole
 
 _TITLES = {"boxes": "Policies that read boxes", "sensors": "Policies that read sweeps or pictures"}
 
-_RULES = """Mean over the conditions of the preset <code>leaderboard</code>, with half of its 95 % interval over towns.
-A difference is paired by town, with its 95 % interval (bootstrap-t); p is the larger of the bootstrap's and the exact
-sign-flip test's, corrected by Holm. Policies on boxes get simulated detections and the others sweeps or pictures, so
-they are ranked apart. An entry whose check fails is not here."""
+_REPORTED = "Self-reported, without ranks"
+
+_RULES = """<b>Ranks</b> come from runs of the organisers alone. Their towns are decided by a secret salt, of which this
+page has a digest, so nobody else can make them again. Mean over the conditions of the preset <code>leaderboard</code>,
+with half of its 95 % interval over towns. A difference is paired by town, with its 95 % interval (bootstrap-t); p is
+the larger of the bootstrap's and the exact sign-flip test's, corrected by Holm. Policies on boxes get simulated
+detections and the others sweeps or pictures, so they are ranked apart.</p>
+<p class="note"><b>Self-reported</b> scores are those of the entrants, in public towns that a policy could know by
+heart. A check repeats some cells of them, and no more: they have no rank, and stand by name.</p>
+<p class="note"><b>Isolated</b> is each agent of a policy: a process of its own, which gets that agent's observations,
+and seeds that do not name the town's. There is no salt in arguments, environment or memory that it can read. It has no
+privileges, and limits of memory, processor time, files and threads. Each entry below says whether it also had a user of
+its own, only named files to read, nothing to write to, and no network. <b>Not isolated</b> are the agents of one policy
+from signals beside the data, such as the load of the processor and locks of files. All share one kernel: this is no
+virtual machine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,48 +55,59 @@ class Row:
     """An entry with its scores.
 
     Attributes:
-        scores: content of `scores.json`.
+        scores: content of `scores.json`, which the entry reports of itself.
         card: text below each heading.
-        digest: digest of the code.
+        digest: digest of all that is the entry's own.
+        ranking: scores of the organisers' run of it as it is; None: they have not run it.
     """
 
     entry: EntryFolder
     scores: Mapping[str, Any]
     card: Mapping[str, str]
     digest: str
+    ranking: Mapping[str, Any] | None = None
 
     @classmethod
-    def of(cls, folder: Path) -> Row:
-        """Read a folder that has passed `check_folder`."""
+    def of(cls, folder: Path, rankings: Mapping[str, Mapping[str, Any]]) -> Row:
+        """Read a folder that has passed `check_folder`; `rankings` as of `read_rankings`."""
         entry = EntryFolder.read(folder)
-        return cls(entry, SCORED.read(entry), entry.card(), digest_of(entry.code()))
+        digest = entry.digest
+        return cls(entry, SCORED.read(entry), entry.card(), digest, rankings.get(digest))
 
 
 class Board:
-    """The ranked entries.
+    """The entries: ranked by the organisers' runs, and by name with what they report.
 
     Args:
         rows: entries whose check has passed, each with a name of its own.
-        baseline: name of the entry that the others are compared with.
+        baseline: name of the entry that the ranked others are compared with.
 
     Raises:
         InvalidValueError: there are no entries.
-        UnknownNameError: there is no entry of the baseline's name.
+        UnknownNameError: entries are ranked, and none has the baseline's name.
     """
 
     def __init__(self, rows: Sequence[Row], baseline: str) -> None:
         if not rows:
             raise InvalidValueError("a leaderboard needs at least one entry whose check passes")
-        require_choice("baseline", baseline, [row.entry.name for row in rows])
         self._rows, self._baseline = {row.entry.name: row for row in rows}, baseline
-        self._heads = ("rank", "entry", *SHOWN, f"{SHOWN[0]} against {baseline}", "p", "worst", "worst in", BYTES_TITLE)
-        kinds = {row.scores["reads"] for row in rows}
-        self._tables = {title: self._table(reads) for reads, title in _TITLES.items() if reads in kinds}
+        ranked = {row.entry.name: row.ranking for row in rows if row.ranking is not None}
+        if ranked:
+            require_choice("baseline", baseline, ranked)
+        more = f"{SHOWN[0]} against {baseline}", "p", "worst", "worst in"
+        heads = "rank", "entry", *SHOWN, *more, BYTES_TITLE
+        kinds = {ranking["reads"] for ranking in ranked.values()}
+        self._tables: dict[str, tuple[tuple[str, ...], list[tuple[str, ...]]]] = {
+            title: (heads, self._ranked({name: each for name, each in ranked.items() if each["reads"] == reads}))
+            for reads, title in _TITLES.items()
+            if reads in kinds
+        }
+        self._tables[_REPORTED] = ("entry", "reads", *SHOWN, BYTES_TITLE), self._reported()
 
     def text(self) -> str:
         """Return the tables as Markdown."""
         return "\n\n".join(
-            f"{title}\n\n{markdown_table(self._heads, rows, texts=2)}" for title, rows in self._tables.items()
+            f"{title}\n\n{markdown_table(heads, rows, texts=2)}" for title, (heads, rows) in self._tables.items()
         )
 
     def html(self) -> str:
@@ -99,45 +121,58 @@ class Board:
             style=("page.css", "bench.css"),
             script=(),
             data={},
-            tables="".join(f"<h2>{title}</h2>{self._table_html(rows)}" for title, rows in self._tables.items()),
+            tables="".join(f"<h2>{title}</h2>{self._table_html(*each)}" for title, each in self._tables.items()),
             rules=_RULES,
             entries="".join(self._section(row) for row in self._rows.values()),
         )
 
-    def _table(self, reads: str) -> list[tuple[str, ...]]:
-        """Return the cells of the entries that read one kind of input, by rank."""
-        rows = [row for row in self._rows.values() if row.scores["reads"] == reads]
-        table = ResultTable.of([result for row in rows for result in SCORED.results(row.entry, row.scores)])
+    def _ranked(self, rankings: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]:
+        """Return the cells of ranked entries, by rank."""
+        table = self._results(rankings)
         changes = changes_from(table, self._baseline)
         return [self._cells(table, standing, changes) for standing in standings(table, SHOWN[0])]
 
+    def _reported(self) -> list[tuple[str, ...]]:
+        """Return the cells of all entries with what they report of themselves, by name."""
+        table = self._results({name: row.scores for name, row in self._rows.items()})
+        found = {each.policy: each for each in standings(table, SHOWN[0])}
+        return [
+            (name, self._rows[name].scores["reads"], *_means(table, name), _bytes(found[name]))
+            for name in sorted(found)
+        ]
+
+    def _results(self, scores: Mapping[str, Mapping[str, Any]]) -> ResultTable:
+        rows = self._rows
+        return ResultTable.of(
+            [each for name, told in scores.items() for each in SCORED.results(rows[name].entry, told)]
+        )
+
     def _cells(self, table: ResultTable, standing: Standing, changes: Mapping[str, tuple[str, str]]) -> tuple[str, ...]:
-        k = table.policies.index(standing.policy)
-        means = [table.interval(name, table.values(name)[k].mean(axis=0)) for name in SHOWN]
         worst = standing.worst_condition
         return (
             "-" if standing.rank is None else str(standing.rank),
             standing.policy,
-            *(f"{format_value(each.mean, '.1f')} {interval_beside(each, '.1f')}".strip() for each in means),
+            *_means(table, standing.policy),
             *changes.get(standing.policy, ("-", "-")),
             format_value(standing.worst, ".1f"),
             "-" if worst is None else short_label(worst, table.conditions),
-            format_value(standing.bytes_per_s, form_of(BYTES)),
+            _bytes(standing),
         )
 
-    def _table_html(self, rows: Sequence[Sequence[str]]) -> str:
+    def _table_html(self, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+        place, numbers = heads.index("entry"), {name: k for k, name in enumerate(self._rows)}
+
         def line(cells: Sequence[str], tag: str) -> str:
-            about = ["", ' class="about"', *[""] * (len(cells) - 2)]
+            about = [' class="about"' if k == place else "" for k in range(len(cells))]
             return "".join(f"<{tag}{css}>{cell}</{tag}>" for cell, css in zip(cells, about, strict=True))
 
-        numbers = {name: k for k, name in enumerate(self._rows)}
         body = []
         for row in rows:
-            rank, name, *others = map(html.escape, row)
-            link = f'<a href="#entry-{numbers[row[1]]}">{name}</a>'
-            body.append(f"<tr>{line([rank, link, *others], 'td')}</tr>")
-        heads = line([html.escape(head) for head in self._heads], "th")
-        return f'<div class="scroll"><table><thead><tr>{heads}</tr></thead><tbody>{"".join(body)}</tbody></table></div>'
+            cells = [*map(html.escape, row)]
+            cells[place] = f'<a href="#entry-{numbers[row[place]]}">{cells[place]}</a>'
+            body.append(f"<tr>{line(cells, 'td')}</tr>")
+        head = line([html.escape(each) for each in heads], "th")
+        return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{"".join(body)}</tbody></table></div>'
 
     def _section(self, row: Row) -> str:
         """Return an entry's part of the page."""
@@ -147,9 +182,9 @@ class Board:
             "authors": ", ".join(entry.authors),
             "licence": entry.license,
             "check": f"coopsim entry check {entry.folder.name}",
-            "digest of the code": row.digest,
-            "versions": ", ".join(f"{name} {number}" for name, number in row.scores["software"].items()),
-            "networks multiply in": row.scores["arithmetic"],
+            "digest of the entry": row.digest,
+            **_run_facts("ranking run", row.ranking),
+            **_run_facts("self-reported", row.scores),
         }
         link = f'<p><a href="{html.escape(entry.url)}">{html.escape(entry.url)}</a></p>' if entry.url else ""
         card = "".join(f"<h4>{heading}</h4>{_paragraphs(row.card[heading])}" for heading in HEADINGS)
@@ -177,14 +212,39 @@ def changes_from(table: ResultTable, baseline: str) -> dict[str, tuple[str, str]
     }
 
 
-def enter_all(folders: Sequence[Path], problems: Mapping[Path, Sequence[str]]) -> tuple[list[Row], list[str]]:
+def _run_facts(title: str, scores: Mapping[str, Any] | None) -> dict[str, str]:
+    """Return what a page says of how scores were made."""
+    if scores is None:
+        return {title: "none of this entry as it is: it has no rank"}
+    versions = ", ".join(f"{name} {number}" for name, number in scores["software"].items())
+    facts = {title: f"{versions}; {scores['processor']}; networks multiply in {scores['arithmetic']}"}
+    if "confinement" in scores:
+        held = [f"{'' if holds else 'not: '}{name}" for name, holds in scores["confinement"].items()]
+        facts |= {"processes of the policy": "; ".join(["one an agent", *held]), "digest of the salt": scores["salt"]}
+    return facts
+
+
+def _means(table: ResultTable, name: str) -> list[str]:
+    """Return the means of the table's metrics over conditions, with intervals over towns, of an entry."""
+    k = table.policies.index(name)
+    means = [table.interval(metric, table.values(metric)[k].mean(axis=0)) for metric in SHOWN]
+    return [f"{format_value(each.mean, '.1f')} {interval_beside(each, '.1f')}".strip() for each in means]
+
+
+def _bytes(standing: Standing) -> str:
+    return format_value(standing.bytes_per_s, form_of(BYTES))
+
+
+def enter_all(
+    folders: Sequence[Path], problems: Mapping[Path, Sequence[str]], rankings: Mapping[str, Mapping[str, Any]]
+) -> tuple[list[Row], list[str]]:
     """Return the rows of the folders without problems, and a line for each problem of the others."""
     rows: dict[str, Row] = {}
     lines = [f"{folder}: {problem}" for folder in folders for problem in problems[folder]]
     for folder in folders:
         if problems[folder]:
             continue
-        row = Row.of(folder)
+        row = Row.of(folder, rankings)
         if row.entry.name in rows:
             lines.append(f"{folder}: name {row.entry.name!r} is that of {rows[row.entry.name].entry.folder}, too")
         else:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import importlib
 import json
 import math
+import os
 import platform
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +19,9 @@ import numpy as np
 import coopsim
 from coopsim.bench.benchmark import Progress, benchmark
 from coopsim.bench.engine.engine import Engine
+from coopsim.bench.entries.entry_files import work_folder
 from coopsim.bench.entries.entry_folder import OURS, EntryFolder
+from coopsim.bench.entries.score_file import SAME, floats, read_scores, write_scores
 from coopsim.bench.grid.cell import Cell, CellResult, label
 from coopsim.bench.grid.grid import ATTRIBUTES, Grid
 from coopsim.bench.grid.grid_file import find_grid
@@ -26,7 +30,6 @@ from coopsim.bench.store.fingerprint import package_versions
 from coopsim.errors import LeaderboardEntryError
 from coopsim.metrics.built_in import BUILT_IN, BYTES
 from coopsim.metrics.metric import PRIMARY_METRIC
-from coopsim.support.files import write_whole
 
 if TYPE_CHECKING:
     from coopsim.agents.policy import Needs
@@ -34,12 +37,9 @@ if TYPE_CHECKING:
 SHOWN = (PRIMARY_METRIC, "HOTA", "AMOTA")
 """Metrics of the table, in per cent."""
 
-TOLERANCE = 1.0
-"""Points by which these may differ on another processor or with other versions. There box policies came out equal to
-1e-12, and a network in bfloat16 instead of float32 within this (`docs/learn/enter_the_leaderboard.md`)."""
-
-_SAME = ("software", "processor", "arithmetic")
-_KEYS = ("policy", "reads", "run", *_SAME, "code", "cells")
+TOLERANCE = 1e-6
+"""Difference by which every metric of a repeated cell may be off, on whatever processor: on another one box policies
+came out equal to 1e-12."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,27 +79,43 @@ class FixedRun:
     def measure(
         self,
         entry: EntryFolder,
-        store: Path,
         engine: Engine,
         isolation: Isolation,
+        *,
+        only: Sequence[str] | None = None,
+        work: str = "",
         on_progress: Callable[[Progress], object] = lambda progress: None,
-    ) -> dict[str, Any]:
-        """Run an entry's policy, and return its scores with all that decided them.
+    ) -> tuple[dict[str, Any], dict[str, bool]]:
+        """Run a copy of an entry, each agent in a process of its own.
 
-        Finished cells stay in the folder `store`, so the same call goes on after an interruption.
+        Args:
+            entry: the entry.
+            engine: runs the cells.
+            isolation: separation of the policy from the world.
+            only: names of the cells to run; None: all.
+            work: key under which finished cells stay after an interruption, for the next call with it; empty: nowhere.
+            on_progress: called before the first cell and after each.
+
+        Returns:
+            The scores with all that decided them, and which parts of the processes' confinement held.
 
         Raises:
             CoopsimError: the policy cannot be made, fails in a cell, or is told the truth.
         """
-        code, needs = entry.code(), needs_of(entry, isolation)
-        grid = self.grid(entry.spec().text, sweeps=needs.lidar)
-        given: dict[str, Any] = {"engine": engine, "isolation": isolation, "on_progress": on_progress}
-        results = benchmark(grid, store, retry_failed=True, **given)
-        cells = dict(zip(self.cells(entry.name), results, strict=True))
-        for text, result in cells.items():
+        with work_folder(work) as place:
+            copy = entry.copy_to(place / "entry")
+            code, packages = copy.code(), copy.packages()
+            needs, confinement = needs_of(copy, isolation)
+            grid = self.grid(copy.spec().text, sweeps=needs.lidar)
+            named = dict(zip(self.cells(entry.name), grid.cells(), strict=True))
+            chosen = list(named) if only is None else list(only)
+            given: dict[str, Any] = {"engine": engine, "on_progress": on_progress, "retry_failed": True}
+            apart, cells = replace(isolation, needs=needs), [named[name] for name in chosen]
+            results = benchmark(grid, place / "runs", only=cells, isolation=apart, **given)
+        for text, result in zip(chosen, results, strict=True):
             if result.failed:
                 raise LeaderboardEntryError(f"policy {entry.policy!r} failed in {text}: {result.reason}")
-        return {
+        scores = {
             "policy": entry.policy,
             "reads": "sensors" if needs.lidar or needs.cameras else "boxes",
             "run": f"{self.preset} {self.digest}",
@@ -107,46 +123,41 @@ class FixedRun:
             "processor": processor(),
             "arithmetic": results[0].arithmetic,
             "code": code,
+            "packages": packages,
             "cells": [
                 {"cell": text, "place_seed": result.place_seed, "values": _plain(result.values, self.kept)}
-                for text, result in cells.items()
+                for text, result in zip(chosen, results, strict=True)
             ],
         }
+        return scores, confinement
 
     @property
-    def kept(self) -> tuple[str, ...]:
+    def kept(self) -> Collection[str]:
         """Metrics in the file: of the warm-up all, as they show a difference."""
-        return tuple(BUILT_IN) if self is WARM_UP else (*SHOWN, BYTES)
+        return BUILT_IN if self is WARM_UP else (*SHOWN, BYTES)
 
     def write(self, folder: Path, scores: Mapping[str, Any]) -> Path:
-        """Write scores into an entry's folder, a line for each cell."""
-        lines = ",\n    ".join(json.dumps(cell, ensure_ascii=False) for cell in scores["cells"])
-        text = json.dumps({**scores, "cells": []}, indent=2)
-        return write_whole(folder / self.file, text.replace('"cells": []', f'"cells": [\n    {lines}\n  ]') + "\n")
+        """Write scores into an entry's folder."""
+        return write_scores(folder / self.file, scores)
 
     def read(self, entry: EntryFolder) -> dict[str, Any]:
-        """Read the scores in an entry's folder.
+        """Read the scores in an entry's folder, which the entry reports of itself.
 
         Raises:
             LeaderboardEntryError: there are none, or the file is broken.
         """
-        path = entry.folder / self.file
-        remedy = f"run `coopsim entry {self.command} {entry.folder}`"
-        if not path.is_file():
+        path, remedy = entry.folder / self.file, f"run `coopsim entry {self.command} {entry.folder}`"
+        if not os.path.lexists(path):
             raise LeaderboardEntryError(f"{self.file} is missing: {remedy}")
         try:
-            scores = json.loads(path.read_text(encoding="utf-8"))
-            complete = all(key in scores for key in _KEYS) and all(map(_is_cell, scores["cells"]))
-        except (OSError, ValueError, TypeError):
-            complete = False
-        if not complete:
-            raise LeaderboardEntryError(f"{self.file} is broken: {remedy}")
-        return dict(scores)
+            return read_scores(path, self.kept, {})
+        except LeaderboardEntryError as error:
+            raise LeaderboardEntryError(f"{error}: {remedy}") from error
 
     def results(self, entry: EntryFolder, scores: Mapping[str, Any]) -> list[CellResult]:
         """Return scores as results of a policy of the entry's name."""
         return [
-            CellResult(cell, _floats(found["values"]), place_seed=found["place_seed"], arithmetic=scores["arithmetic"])
+            CellResult(cell, floats(found["values"]), place_seed=found["place_seed"], arithmetic=scores["arithmetic"])
             for cell, found in zip(self.cells(entry.name).values(), scores["cells"], strict=True)
         ]
 
@@ -155,34 +166,35 @@ WARM_UP = FixedRun("warm_up", "warm_up.json", "warm-up")
 SCORED = FixedRun("leaderboard", "scores.json", "score")
 
 
-def needs_of(entry: EntryFolder, isolation: Isolation) -> Needs:
-    """Return what an entry's policy needs. Raises `CoopsimError` if it cannot be made, or is told the truth."""
-    with isolation.described(entry.spec()) as policy:
-        if policy.needs.truth:
-            raise LeaderboardEntryError(f"policy {entry.policy!r} is told the truth: a bound, which does not compete")
-        return policy.needs
+def needs_of(entry: EntryFolder, isolation: Isolation) -> tuple[Needs, dict[str, bool]]:
+    """Return what an entry's policy needs, asked once in a process of its own, and how that process is confined.
+
+    Raises:
+        CoopsimError: it cannot be made, or is told the truth.
+    """
+    with isolation.policy(entry.spec()) as policy:
+        return policy.needs, getattr(policy, "confinement", {})
 
 
 def differences(file: str, stored: Mapping[str, Any], fresh: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a line for each cell in which scores came out otherwise.
+    """Yield a line for each repeated cell in which any metric came out otherwise, by more than `TOLERANCE`.
 
-    With the same versions on the same kind of processor all values must be equal to the bit; else those of `SHOWN`
-    within `TOLERANCE`.
+    What a file says of the processor that made it widens nothing.
     """
-    same = all(stored[key] == fresh[key] for key in _SAME)
     if stored["reads"] != fresh["reads"]:
         yield f"{file} says that the policy reads {stored['reads']}, and it reads {fresh['reads']}"
-    for old, new in zip(stored["cells"], fresh["cells"], strict=True):
-        before, now = old["values"], new["values"]
-        names = sorted(before.keys() | now.keys(), key=lambda name: (name not in SHOWN, name)) if same else SHOWN
-        wrong = [name for name in names if not _alike(before.get(name), now.get(name), 0.0 if same else TOLERANCE)]
-        if wrong or old["place_seed"] != new["place_seed"]:
-            name = wrong[0] if wrong else "place_seed"
-            values = {**before, "place_seed": old["place_seed"]}, {**now, "place_seed": new["place_seed"]}
-            others = f", as do {len(wrong) - 1} other metrics" if len(wrong) > 1 else ""
-            elsewhere = "" if same else "; it was made on another processor or with other versions"
-            told, came = (each.get(name) for each in values)
-            yield f"{file} differs in {old['cell']}: {name} is {told} there and {came} here{others}{elsewhere}"
+    others = [f"{key} {stored[key]!r:.80}" for key in SAME if stored[key] != fresh[key]]
+    elsewhere = f"; not comparable here, as it says that it was made elsewhere ({', '.join(others)})" if others else ""
+    before = {cell["cell"]: cell for cell in stored["cells"]}
+    for new in fresh["cells"]:
+        old = before[new["cell"]]
+        told, came = ({**each["values"], "place_seed": each["place_seed"]} for each in (old, new))
+        names = sorted(told.keys() | came.keys(), key=lambda name: (name not in SHOWN, name))
+        wrong = [name for name in names if not _alike(told.get(name), came.get(name))]
+        if wrong:
+            name, more = wrong[0], f", as do {len(wrong) - 1} other metrics" if len(wrong) > 1 else ""
+            values = f"{name} is {told.get(name)} there and {came.get(name)} here"
+            yield f"{file} differs in {new['cell']}: {values}{more}{elsewhere}"
 
 
 def mean_of(scores: Mapping[str, Any]) -> str:
@@ -193,28 +205,31 @@ def mean_of(scores: Mapping[str, Any]) -> str:
 
 
 def processor() -> str:
-    """Return the kind of this processor, which decides last bits of numbers: LLVM's name of it, and numpy's SIMD."""
+    """Return the kind of this processor, which decides last bits: LLVM's name, numpy's SIMD, and BLAS's kernels."""
     binding: Any = importlib.import_module("llvmlite.binding")  # numba's, without types
     configuration: Any = np.show_config(mode="dicts")
     simd = configuration["SIMD Extensions"].get("found", [])
-    return " ".join([platform.machine(), binding.get_host_cpu_name(), *simd])
+    return " ".join([platform.machine(), binding.get_host_cpu_name(), *simd, *_blas_kernels()])
 
 
-def _alike(before: float | None, now: float | None, tolerance: float) -> bool:
+def _blas_kernels() -> list[str]:
+    """Return the name of the kernels that numpy's own OpenBLAS has chosen; nothing for another BLAS."""
+    for path in Path(np.__file__).parents[1].glob("numpy.libs/*openblas*"):
+        library = ctypes.CDLL(str(path))
+        for name in ("scipy_openblas_get_corename64_", "scipy_openblas_get_corename"):
+            if hasattr(library, name):
+                ask = getattr(library, name)
+                ask.restype = ctypes.c_char_p
+                return [f"OpenBLAS {ask().decode()}"]
+    return []
+
+
+def _alike(before: float | None, now: float | None) -> bool:
     if before is None or now is None:
         return before is now
-    return before == now or abs(before - now) <= tolerance
+    return abs(before - now) <= TOLERANCE
 
 
-def _plain(values: Mapping[str, float], kept: tuple[str, ...]) -> dict[str, float | None]:
+def _plain(values: Mapping[str, float], kept: Collection[str]) -> dict[str, float | None]:
     """Return the values to keep as JSON has them: what is undefined is None."""
     return {name: None if math.isnan(values[name]) else values[name] for name in kept if name in values}
-
-
-def _floats(values: Mapping[str, float | None]) -> dict[str, float]:
-    return {name: math.nan if value is None else value for name, value in values.items()}
-
-
-def _is_cell(cell: Any) -> bool:
-    numbers = all(each is None or isinstance(each, (int, float)) for each in cell["values"].values())
-    return isinstance(cell["cell"], str) and isinstance(cell["place_seed"], (int, type(None))) and numbers

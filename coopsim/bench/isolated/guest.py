@@ -1,11 +1,9 @@
-"""The program of a process that runs one policy: it answers orders, which are all that it knows of the world."""
+"""The program of a process that runs one agent's policy: it answers orders, all that it knows of the world."""
 
 from __future__ import annotations
 
 import os
 import pickle
-import threading
-import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
@@ -17,7 +15,6 @@ from coopsim.comms.envelope import encode_message
 from coopsim.comms.uplinks.uplink import ContentUplink, Uplink
 from coopsim.errors import CoopsimError
 from coopsim.support.rng import stream
-from coopsim.support.threads import limit_threads
 from coopsim.types import AgentSpec, Observation
 
 if TYPE_CHECKING:
@@ -27,12 +24,30 @@ _LONGEST_ERROR = 20_000
 
 
 class Guest:
-    """A policy and its uplinks, behind the orders of another process; each order's answer is plain data."""
+    """A policy and its uplink, behind the orders of another process; each order's answer is plain data.
+
+    Args:
+        confinement: what `confine` said of this process.
+    """
 
     _policy: Policy
+    _uplink: Uplink
 
-    def __init__(self) -> None:
-        self._uplinks: dict[str, Uplink] = {}
+    def __init__(self, confinement: Mapping[str, bool]) -> None:
+        self._confinement = dict(confinement)
+
+    def serve(self, pipe: Pipe) -> None:
+        """Obey orders until the process that gives them is gone."""
+        while True:
+            try:
+                name, arguments = pickle.loads(pipe.receive())
+            except EOFError:
+                os._exit(0)
+            pipe.send(_answer(getattr(self, name), arguments))
+
+    def confinement(self) -> dict[str, bool]:
+        """Answer how this process is confined; asked before there is a policy."""
+        return self._confinement
 
     def make(self, spec: PolicySpec) -> dict[str, Any]:
         """Make the policy. Answer what an environment must know of it."""
@@ -41,27 +56,23 @@ class Guest:
         return {"needs": asdict(self._policy.needs), "method": str(self._policy.method), "guarded": guarded}
 
     def make_uplink(self, spec: AgentSpec, seed: int) -> dict[str, Any]:
-        """Make what one agent broadcasts. Answer what it is, and the agent whose object it shares, or its own name."""
-        if spec.name in self._uplinks:  # another episode begins
-            self._uplinks = {}
+        """Make what the agent broadcasts. Answer what it is."""
         uplink = self._policy.make_uplink(spec, stream(seed, "uplink", spec.name))
         uplink.begin(spec, stream(seed, "uplink state", spec.name))
-        self._uplinks[spec.name] = uplink
+        self._uplink = uplink
         return {
             "content": str(uplink.content),
             "codec": uplink.codec_name if isinstance(uplink, ContentUplink) else None,
             "hears": type(uplink).hear is not Uplink.hear,
-            "object": next(name for name, each in self._uplinks.items() if each is uplink),
         }
 
     def messages(self, observations: Mapping[str, Observation]) -> dict[str, Any]:
-        """Answer the messages, as bytes on the air, of agents that share an uplink."""
-        uplink = self._uplinks[next(iter(observations))]
-        return {name: encode_message(message) for name, message in uplink.messages(observations).items()}
+        """Answer the agent's messages as bytes on the air."""
+        return {name: encode_message(message) for name, message in self._uplink.messages(observations).items()}
 
     def hear(self, receiver: str, observation: Observation) -> None:
-        """Let an agent's uplink hear the frame's inbox."""
-        self._uplinks[receiver].hear(receiver, observation)
+        """Let the agent's uplink hear the frame's inbox."""
+        self._uplink.hear(receiver, observation)
 
     def reset(self, specs: Mapping[str, AgentSpec], seed: int) -> None:
         """Begin an episode."""
@@ -82,21 +93,6 @@ class Guest:
         return {"counts": dict(getattr(self._policy, "counts", {})), "rejected": sum(rejected.values())}
 
 
-def serve() -> None:
-    """Obey orders from the standard input until the process that gives them is gone."""
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
-    replies = os.dup(1)
-    os.dup2(2, 1)  # what the policy prints must not get among the answers
-    limit_threads(1)
-    pipe, guest = Pipe(0, replies), Guest()
-    while True:
-        try:
-            name, arguments = pickle.loads(pipe.receive())
-        except EOFError:
-            os._exit(0)
-        pipe.send(_answer(getattr(guest, name), arguments))
-
-
 def _answer(order: Callable[..., Any], arguments: tuple[Any, ...]) -> bytes:
     try:
         return pack_parcel({"answer": order(*arguments)})
@@ -105,9 +101,3 @@ def _answer(order: Callable[..., Any], arguments: tuple[Any, ...]) -> bytes:
     except BaseException as error:  # of a user's policy, SystemExit among them
         told = "".join(traceback.format_exception(error))
         return pack_parcel({"error": told[-_LONGEST_ERROR:]})
-
-
-def _end_with(parent: int) -> None:
-    while os.getppid() == parent:
-        time.sleep(1.0)
-    os._exit(0)

@@ -94,7 +94,8 @@ def _seen(provenance: Provenance) -> list[str]:
 
 
 def _isolation(said: Mapping[str, Any]) -> list[str]:
-    lines = ["each policy ran in a process of its own, which got observations alone"] if "own processes" in said else []
+    apart = "each agent of a policy ran in a process of its own, which got its observations alone"
+    lines = [apart] if "own processes" in said else []
     salted = "a run's episode is decided by its seed and a secret salt, whose digest is sha256"
     return [*lines, *([f"{salted} {said['salt']}"] if "salt" in said else [])]
 

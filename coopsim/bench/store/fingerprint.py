@@ -80,7 +80,7 @@ def fingerprint(
     plain, needs = plain_options(options), getattr(kind, "needs", None)
     lies = {agent: list(attacks) for agent, attacks in attacks_by_agent(cell.condition.attacks or None).items()}
     named = (cell.condition.scenario, plain, dict(policy.parameters), *([lies] if lies else []))
-    contents = {path: Path(path).read_bytes() for path in sorted(set(_files(named)))}
+    contents = {path: Path(path).read_bytes() for path in sorted(set(named_files(named)))}
     said = [repr((named, needs)).encode(), *(content[:_MOST_NAMES] for content in contents.values())]
     for package in _plug_ins(b"\n".join(said)):
         code[package] = sources.described(package)
@@ -187,7 +187,7 @@ def _plain(name: str, value: Any) -> Any:
     )
 
 
-def _files(value: Any, folder: str = "") -> Iterator[str]:
+def named_files(value: Any, folder: str = "") -> Iterator[str]:
     """Yield the paths of files among the texts in plain data, and in the YAML files among these, relative to them.
 
     A text may be the spec of a part, as of a detector or an embedder, whose parameters name files.
@@ -196,16 +196,16 @@ def _files(value: Any, folder: str = "") -> Iterator[str]:
         value = list(value.values())
     if isinstance(value, (list, tuple)):
         for part in value:
-            yield from _files(part, folder)
+            yield from named_files(part, folder)
     elif isinstance(value, str) and os.path.isfile(path := path_from(folder, value)):
         yield path
         if path.lower().endswith(SCENARIO_SUFFIXES):
             with suppress(InvalidValueError):  # if it is not YAML, it names no other file
-                yield from _files(read_yaml(Path(path), InvalidValueError).value, os.path.dirname(path))
+                yield from named_files(read_yaml(Path(path), InvalidValueError).value, os.path.dirname(path))
     elif isinstance(value, str) and (value.endswith(")") or ".py:" in value):
         with suppress(InvalidValueError):  # as a place with a bracket in its name
             target, parameters = parse_spec("part", value)
-            yield from _files([target.rpartition(":")[0], parameters], folder)
+            yield from named_files([target.rpartition(":")[0], parameters], folder)
 
 
 def _versions(package: str) -> dict[str, str]:

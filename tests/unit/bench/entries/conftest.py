@@ -1,0 +1,42 @@
+"""Entries with scores, of tiny runs in this process; their policies have processes of their own as always."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from coopsim.bench.engine import job
+from coopsim.bench.engine.engine import Engine
+from coopsim.bench.entries import fixed_run
+from coopsim.cli import main
+from tests.helpers.entries import make_entry, tiny_grid
+
+
+@pytest.fixture(scope="package")
+def tiny_runs() -> Iterator[None]:
+    def here(engine: Engine, jobs: Iterator[Any]) -> Iterator[Any]:
+        return (each.run() for each in jobs)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fixed_run, "find_grid", tiny_grid)
+        patch.setattr(Engine, "run", here)
+        patch.setattr(job, "_warm", True)
+        yield
+
+
+@pytest.fixture(scope="package")
+def measured(tiny_runs: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An entry with scores, made by the commands."""
+    folder = make_entry(tmp_path_factory.mktemp("entries") / "mine")
+    assert main(["entry", "warm-up", str(folder)]) == 0
+    assert main(["entry", "score", str(folder)]) == 0
+    return folder
+
+
+@pytest.fixture
+def entry(measured: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(measured, tmp_path / "mine"))
