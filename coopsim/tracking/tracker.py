@@ -59,7 +59,9 @@ class Tracker:
 
     Attributes:
         state: the tracker's complete state; may be set to an earlier one, to track again from there.
-        motion, lifecycle, appearance: as given.
+        motion: the motion model and its filter.
+        lifecycle: the rule that selects the tracks that are reported and kept.
+        appearance: the model of embeddings, or None.
         first_round: the rules for the first group of detections.
 
     Args:
