@@ -51,10 +51,10 @@ if TYPE_CHECKING:
     from coopsim.defenses.defense import Defense as Defense
     from coopsim.defenses.defense import Reception as Reception
     from coopsim.defenses.defense import Trust as Trust
-    from coopsim.envs.episode import Episode as Episode
-    from coopsim.envs.episode import Recorder as Recorder
     from coopsim.envs.simulated.record_episode import record as record
     from coopsim.envs.vector.make import vector as vector
+    from coopsim.episode import Episode as Episode
+    from coopsim.episode import Recorder as Recorder
     from coopsim.errors import CoopsimError as CoopsimError
     from coopsim.planning.planner import PlannedCar as PlannedCar
     from coopsim.planning.planner import Planner as Planner
@@ -86,8 +86,8 @@ _HOMES = {
     "CoopsimError": "coopsim.errors",
     "PlannedCar": "coopsim.planning.planner",
     "Planner": "coopsim.planning.planner",
-    "Episode": "coopsim.envs.episode",
-    "Recorder": "coopsim.envs.episode",
+    "Episode": "coopsim.episode",
+    "Recorder": "coopsim.episode",
     "record": "coopsim.envs.simulated.record_episode",
     "rollout": "coopsim.bench.evaluate",
     "set_precision": "coopsim.support.precision",

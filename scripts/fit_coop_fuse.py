@@ -33,7 +33,7 @@ from coopsim.agents.coop_fuse import LEAST_CHANCE, LIKELIHOOD, MERGE_GATE, CoopF
 from coopsim.bench.evaluate import listening_env
 from coopsim.cli.arguments import seeds
 from coopsim.data.recording_set import Recording, RecordingSet
-from coopsim.envs.episode import Episode, Recorder, run_episode
+from coopsim.episode import Episode, Recorder, run_episode
 from coopsim.fusion.box_fusion import correspond_rows, trust_likelier
 from coopsim.fusion.compromise import ON_OBJECT
 from coopsim.fusion.fused_boxes import AWAY, BOX, SCORE, Calibration, SourceOdds, pair_features, rows_of_agent

@@ -13,7 +13,7 @@ import numpy as np
 
 from coopsim.catalog import PolicySpec, parallel_env, usual_seed
 from coopsim.comms.channel.channel import ChannelCounts
-from coopsim.envs.episode import Episode, Recorder, run_episode
+from coopsim.episode import Episode, Recorder, run_episode
 from coopsim.errors import InvalidValueError, PolicyMismatchError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats

@@ -34,7 +34,7 @@ from coopsim.data.export.nuscenes_records import (
     scene_name,
 )
 from coopsim.data.export.record_parts import as_line
-from coopsim.envs.episode import Episode, Recorder, run_episode
+from coopsim.episode import Episode, Recorder, run_episode
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats

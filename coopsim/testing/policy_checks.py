@@ -15,8 +15,8 @@ from coopsim.catalog import PolicySpec
 from coopsim.comms.channel.channel_config import ChannelConfig
 from coopsim.comms.channel.latency import GaussianLatency
 from coopsim.comms.channel.loss import BernoulliLoss
-from coopsim.envs.episode import Episode as RunningEpisode
-from coopsim.envs.episode import Recorder, run_episode
+from coopsim.episode import Episode as RunningEpisode
+from coopsim.episode import Recorder, run_episode
 from coopsim.errors import CoopsimError
 from coopsim.geometry.se3 import wrap_angle
 from coopsim.testing.harness import SMALL, Episode, digest, name_of, require_same, untouched

@@ -15,7 +15,7 @@ from coopsim.bench.detect.part_clock import PartClock
 from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.evaluate import listening_env
 from coopsim.catalog import is_recordings_folder
-from coopsim.envs.episode import Episode, Recorder, run_episode
+from coopsim.episode import Episode, Recorder, run_episode
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D, covers
 from coopsim.support.checks import require_choice

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from coopsim.envs.episode import Episode, Recorder
+from coopsim.episode import Episode, Recorder
 
 if TYPE_CHECKING:
     from coopsim.agents.policy import Policy

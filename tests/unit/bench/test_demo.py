@@ -49,7 +49,7 @@ def test_runs_that_an_interrupt_leaves_are_reported(tmp_path: Path) -> None:
         {"policy": "no_fusion", "latency": "0.4 ms"},
     ]
     assert all(len(run.tracks) == run.evaluation.frames == 3 for run in demo.runs)
-    assert "3 frames each: 2 cells finished" in demo.write_report(tmp_path / "report.html").read_text()
+    assert "3 frames each: 2 runs finished" in demo.write_report(tmp_path / "report.html").read_text()
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from coopsim.envs.episode import Episode, Recorder, run_episode
+from coopsim.episode import Episode, Recorder, run_episode
 
 
 class World:

@@ -103,7 +103,9 @@ def test_a_module_beside_the_file_of_a_policy_decides(tmp_path: Path) -> None:
     assert changed_parts(before, fingerprint(CELL, OPTIONS, spec)) == "another_beside_it beside the policy"
 
 
-def test_what_a_script_registered_and_a_cell_names_decides() -> None:
+def test_what_a_script_registered_and_a_cell_names_decides(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Workers of pytest have no script.
+    monkeypatch.setattr(sys.modules["__main__"], "__file__", __file__, raising=False)
     with parts_of_a_script():
         script = {**OPTIONS, "tracker": "late_fusion(defense=of_the_script)"}
         assert "__main__" in decided(**script)["code"]

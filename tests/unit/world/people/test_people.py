@@ -218,7 +218,7 @@ def test_velocities_are_what_positions_do() -> None:
 def test_a_world_has_as_many_of_every_class_as_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     (car, *_) = make_models()
     shapes = [replace(car, label=int(label)) for label in ObjectClass if label not in MANNERS]
-    monkeypatch.setattr("coopsim.world.scenario.make_models", lambda varied: (*shapes, *models()))
+    monkeypatch.setattr("coopsim.world.scenario.make_models", lambda varied, **more: (*shapes, *models()))
     numbers = {"vans": 2, "buses": 1, "motorcycles": 3, "bicycles": 4, "scooters": 2, "children": 3}
     world = make_world("crossing", 0, vehicles=10, truck_share=0.2, pedestrians=5, **numbers)
     for _ in range(100):
