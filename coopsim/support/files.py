@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import secrets
 import socket
-import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -41,13 +40,6 @@ def make_folder(folder: Path) -> None:
         files = [place for place in (folder, *folder.parents) if place.is_file()]
         why = f"{files[0]} is a file" if files else error.strerror
         raise InvalidValueError(f"cannot make the folder {folder}: {why}") from error
-
-
-def is_own_folder(folder: str | Path) -> bool:
-    """Return whether a place is a folder of this user, no link, that nobody else can write to."""
-    found = os.lstat(folder)
-    mine = not hasattr(os, "getuid") or found.st_uid == os.getuid()
-    return stat.S_ISDIR(found.st_mode) and mine and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
 @contextmanager

@@ -12,6 +12,7 @@ import hashlib
 import os
 import re
 import shutil
+import stat
 import tempfile
 import time
 import warnings
@@ -22,8 +23,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numba
 import numba.core.caching
-
-from coopsim.support.files import is_own_folder
 
 _numba: Any = numba  # most of it has no types
 _caching: Any = numba.core.caching
@@ -235,6 +234,13 @@ def _temporary_home() -> str | None:
         stacklevel=2,
     )
     return own
+
+
+def is_own_folder(folder: str | Path) -> bool:
+    """Return whether a place is a folder of this user, no link, that nobody else can write to."""
+    found = os.lstat(folder)
+    mine = not hasattr(os, "getuid") or found.st_uid == os.getuid()
+    return stat.S_ISDIR(found.st_mode) and mine and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
 _caching.CacheImpl._locator_classes.insert(0, KernelLocator)

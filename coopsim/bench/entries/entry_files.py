@@ -13,7 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from coopsim.errors import InvalidValueError, LeaderboardEntryError
-from coopsim.support.files import is_own_folder, locked, make_folder
+from coopsim.support.files import locked, make_folder
+from coopsim.support.kernels import is_own_folder
 
 MOST_FILES, MOST_BYTES, MOST_TEXT_BYTES = 1000, 2**30, 2**20
 """Most files and folders of an entry, bytes of all its files, and bytes of a file that is read as text."""

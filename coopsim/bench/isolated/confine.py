@@ -69,7 +69,7 @@ def confine(readable: Sequence[str], number: int, *, own_user: bool) -> dict[str
 
     Args:
         readable: files and folders that it may read, besides the system's, Python's and coopsim's.
-        number: of the process, so that each has a user of its own.
+        number: number of the process, so that each has a user of its own.
         own_user: it becomes another user (see `other_user_reads`).
 
     Returns:

@@ -41,7 +41,7 @@ class GuestProcess:
 
     Args:
         readable: files and folders that it may read.
-        number: of the process, which decides its user where it has one of its own.
+        number: number of the process, which decides its user where it has one of its own.
     """
 
     def __init__(self, readable: Sequence[str], number: int) -> None:

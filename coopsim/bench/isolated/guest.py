@@ -27,7 +27,7 @@ class Guest:
     """A policy and its uplink, behind the orders of another process; each order's answer is plain data.
 
     Args:
-        confinement: what `confine` said of this process.
+        confinement: parts of this process's confinement, and whether they hold.
     """
 
     _policy: Policy

@@ -32,7 +32,7 @@ class IsolatedPolicy(coopsim.Policy):
         spec: the policy.
         limit_s: time limit of a frame.
         guest_seed: gives the seed that a process is told in place of another.
-        needs: what the policy has said before; None: it is asked.
+        needs: needs that the policy has stated before; None: it is asked.
 
     Raises:
         IsolatedPolicyError: the policy raised an error, took longer, answered nonsense, says that it needs something

@@ -35,8 +35,8 @@ class Isolation:
             process.
         salt: secret that decides, with a run's seed, its episode; None: the seed alone does. Nobody without it can make
             the same episodes.
-        needs: what policies in processes of their own have said that they need, if they were asked: another answer is
-            an error.
+        needs: needs that the policy in processes of its own has stated before: another answer is an error. None: it is
+            asked.
 
     Raises:
         InvalidValueError: the limit is not positive, or the salt has less than 16 bytes.

@@ -28,17 +28,17 @@ class RemoteGuest:
 
     Attributes:
         confinement: the parts of its confinement, and whether they hold (`confine`).
-        made: what the process says of the policy: `needs`, `method`, and whether it is `guarded`.
+        made: description of the policy: `needs`, `method`, and whether it is `guarded`.
         has_begun: the first frame of the episode is over, so that from now on the time limit is that of a frame.
 
     Args:
         spec: the policy.
         limit_s: time limit of a frame.
         readable: files and folders that it may read.
-        number: of the process.
+        number: number of the process.
 
     Raises:
-        IsolatedPolicyError: as `ask`.
+        IsolatedPolicyError: the policy cannot be made there, see `ask`.
     """
 
     def __init__(self, spec: PolicySpec, limit_s: float, readable: Sequence[str], number: int) -> None:
