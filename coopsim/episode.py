@@ -30,7 +30,7 @@ class Episode:
         seed: seed of the episode.
         observations: packed observations by agent: the newest.
         infos: infos by agent, with the truth where the environment exposes it: the newest.
-        actions: what the policy reported last, by agent; empty before the first report.
+        actions: last report of the policy by agent; empty before the first.
         rewards: rewards of the last step by agent; empty before the first step.
         steps: number of steps so far, so that it numbers the frame whose observations are the newest.
         policy_s: wall time that the policy has taken so far.

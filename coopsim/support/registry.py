@@ -86,7 +86,8 @@ class Registry(Generic[T]):
 
     def added(self) -> dict[str, str]:
         """Return the modules that have registered entries, by name, of those that are outside the library."""
-        return {name: home for name, home in self._homes.items() if home.partition(".")[0] != _LIBRARY}
+        homes = {name: home for name, home in self._homes.items() if name in self._entries}
+        return {name: home for name, home in homes.items() if home.partition(".")[0] != _LIBRARY}
 
     def aliases_of(self, name: str) -> tuple[str, ...]:
         """Return the second names of the entry called `name`."""

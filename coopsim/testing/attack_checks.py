@@ -117,7 +117,7 @@ def _play(attacks: Any, content: str) -> list[_Frame]:
 
 
 class _Seen(Recorder):
-    """What agents observe, and the lies, in each frame."""
+    """Observations of all agents, and the lies, in each frame."""
 
     def __init__(self) -> None:
         self.frames: list[_Frame] = []

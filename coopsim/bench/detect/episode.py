@@ -144,7 +144,7 @@ def perceive_episode(
 
 
 class PerceivedRecorder(Recorder):
-    """What some receivers perceive in the measured frames, and what is there.
+    """Recorder of detections: those of some receivers in the measured frames, beside the truth.
 
     Args:
         pace: says which frames are measured.
