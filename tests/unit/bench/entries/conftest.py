@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from coopsim.bench.engine import job
 from coopsim.bench.engine.engine import Engine
 from coopsim.bench.entries import fixed_run
 from coopsim.cli import main
@@ -24,7 +23,6 @@ def tiny_runs() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(fixed_run, "find_grid", tiny_grid)
         patch.setattr(Engine, "run", here)
-        patch.setattr(job, "_warm", True)
         yield
 
 
