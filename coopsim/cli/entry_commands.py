@@ -43,7 +43,7 @@ def _add_entry(parser: argparse.ArgumentParser) -> None:
     score.add_argument("--out", type=Path, metavar="FOLDER", help="of the organisers' runs, which get one more")
     page.add_argument("--runs", type=Path, metavar="FOLDER", help="the organisers' runs; without, nothing is ranked")
     for long in (score, check, page):
-        long.add_argument("--workers", type=count, help="runs at once (default: as many as cores)")
+        long.add_argument("--workers", type=count, help="runs at once (default: as many as cores; few runs: one, here)")
     check.add_argument("--whole", action="store_true", help="run all scores again: minutes instead of seconds")
     page.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="gets index.html")
     page.add_argument(
@@ -154,7 +154,8 @@ def _problems(options: argparse.Namespace, *, rerun: bool, whole: bool = False) 
 
     if not rerun:
         return {folder: check_folder(folder) for folder in options.folders}
-    engine, isolation = Engine(workers=options.workers), Isolation(options.isolate)
+    isolation = Isolation(options.isolate)
+    engine = Engine(workers=options.workers) if whole or options.workers is not None else None
     return {folder: check_entry(folder, whole=whole, isolation=isolation, engine=engine) for folder in options.folders}
 
 

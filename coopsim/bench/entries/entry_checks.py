@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from coopsim.bench.engine.engine import Engine
+from coopsim.bench.engine.engine import DoneT, Engine, Work, run_work
 from coopsim.bench.entries.entry_files import printable, work_folder
 from coopsim.bench.entries.entry_folder import CARD, HEADINGS, OURS, EntryFolder
 from coopsim.bench.entries.fixed_run import SCORED, WARM_UP, FixedRun, differences, needs_of
@@ -41,7 +41,7 @@ def check_entry(folder: Path, *, whole: bool = False, isolation: Isolation, engi
         folder: the entry's.
         whole: run all scores again, not some cells.
         isolation: separation of the policy from the world, in processes of its own.
-        engine: runs the cells; None: processes of this machine, as many as cores.
+        engine: runs the cells; None: this process, which for a few is quicker than to start others.
 
     Raises:
         InvalidValueError: there is no such folder.
@@ -55,8 +55,15 @@ def check_entry(folder: Path, *, whole: bool = False, isolation: Isolation, engi
     except CoopsimError as error:
         return list(dict.fromkeys([*problems, _line(error)]))
     for run in (WARM_UP, SCORED):
-        problems += _rerun(run, entry, None if whole else DRAWN, engine or Engine(), isolation)
+        problems += _rerun(run, entry, None if whole else DRAWN, engine or _Here(), isolation)
     return [*problems, *_conformance(entry, isolation)]
+
+
+class _Here(Engine):
+    """Runs cells in this process, one after another; their policies have processes of their own."""
+
+    def run(self, jobs: Iterator[Work[DoneT]]) -> Generator[DoneT]:
+        return (run_work(job) for job in jobs)
 
 
 def _card(entry: EntryFolder) -> Iterator[str]:
