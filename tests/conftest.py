@@ -10,27 +10,16 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 from short_episode import folder_bytes, short_episode  # noqa: F401  (fixtures)
+from small_env import SMALL
 
 import coopsim
 from coopsim.comms.channel import channel
 from coopsim.comms.envelope import encode_message
 from coopsim.types import Message
-from coopsim.world.towns.scenarios import scenario_names
 
 # How fast examples are drawn and run is the machine's affair: a busy one is no failure.
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("patient")
-
-SMALL: dict[str, Any] = {
-    "vehicles": 10,
-    "lidar": "VLP-16",
-    "lidar_columns": 256,
-    "max_cycles": 12,
-    "detector": "simulated",
-}
-"""Quick to sense, and still with agents that hear each other."""
-
-SIMULATED = scenario_names()
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pettingzoo
 import pytest
-from conftest import SMALL
+from small_env import SMALL
 
 import coopsim
 from coopsim.detection.simulated.simulated import SimulatedDetector, SimulatedDetectorConfig

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pettingzoo
 import pytest
-from conftest import SIMULATED, SMALL
 from pettingzoo.test import parallel_api_test, parallel_seed_test
+from small_env import SIMULATED, SMALL
 
 import coopsim
 from coopsim.types import seconds_to_ns

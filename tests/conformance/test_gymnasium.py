@@ -10,8 +10,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from conftest import SIMULATED, SMALL
 from gymnasium.utils.env_checker import check_env, data_equivalence
+from small_env import SIMULATED, SMALL
 
 import coopsim
 from coopsim.catalog import VERSIONED_NAMES

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import SIMULATED, SMALL
+from small_env import SIMULATED, SMALL
 from test_environments import assert_same, play
 
 import coopsim

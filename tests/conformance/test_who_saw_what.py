@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import SIMULATED
+from small_env import SIMULATED
 from test_environments import play
 
 import coopsim

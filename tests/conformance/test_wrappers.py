@@ -11,10 +11,10 @@ import gymnasium
 import numpy as np
 import pytest
 from codec_samples import some_queries
-from conftest import SMALL
 from gymnasium.utils.env_checker import check_env
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 from pettingzoo.utils import BaseParallelWrapper
+from small_env import SMALL
 
 import coopsim
 from coopsim.comms.uplinks.share_features import ShareQueries

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import SMALL
 from scipy import ndimage
+from small_env import SMALL
 
 import coopsim
 from coopsim.agents.boxes import AB3DMOTTracking

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 import tiny_recordings
-from conftest import SMALL
 from gymnasium.utils.env_checker import check_env
 from pettingzoo.test import parallel_api_test
+from small_env import SMALL
 
 import coopsim
 from coopsim.agents.boxes import LateFusion

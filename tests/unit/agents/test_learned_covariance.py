@@ -96,9 +96,9 @@ def test_any_tracker_can_have_them(policy: str, weights: str, tmp_path: Path) ->
 
 def test_without_weights_dmstrack_is_the_filter_with_fixed_noise(weights: str) -> None:
     fixed = coopsim.make_policy("dmstrack", covariance=None).make_tracker()  # type: ignore[attr-defined]
-    assert fixed._motion == ConstantVelocity()
+    assert fixed.motion == ConstantVelocity()
     learned = coopsim.make_policy("dmstrack", covariance=weights).make_tracker()  # type: ignore[attr-defined]
-    assert learned._motion == load_covariance(weights).motion()
+    assert learned.motion == load_covariance(weights).motion()
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import SMALL
+from small_env import SMALL
 
 import coopsim
 from coopsim.catalog import policies_on_boxes

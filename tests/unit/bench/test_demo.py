@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import SMALL
+from small_env import SMALL
 
 from coopsim.bench.demo import Demo, DemoConfig
 from coopsim.errors import EpisodeStateError, InvalidValueError, UnknownNameError

@@ -9,9 +9,9 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from conftest import SMALL
 from gymnasium import spaces
 from gymnasium.utils.env_checker import data_equivalence, data_shares_objects
+from small_env import SMALL
 
 import coopsim
 from coopsim.agents.boxes import LateFusion

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,18 +16,20 @@ from coopsim.cli import main
 from tests.helpers.entries import make_entry, tiny_grid
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")  # not of the package, which outlives its tests where several processes take turns
 def tiny_runs() -> Iterator[None]:
     def here(engine: Engine, jobs: Iterator[Any]) -> Iterator[Any]:
         return (each.run() for each in jobs)
 
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, tempfile.TemporaryDirectory(prefix="coopsim-tests-") as temporary:
+        Path(temporary).chmod(0o711)  # guests of other users read below it
+        patch.setattr(tempfile, "tempdir", temporary)  # two processes of tests run equal entries at once
         patch.setattr(fixed_run, "find_grid", tiny_grid)
         patch.setattr(Engine, "run", here)
         yield
 
 
-@pytest.fixture(scope="package")
+@pytest.fixture(scope="module")
 def measured(tiny_runs: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An entry with scores, made by the commands."""
     folder = make_entry(tmp_path_factory.mktemp("entries") / "mine")

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import SMALL
 from html_page import Page
+from small_env import SMALL
 from synthetic_results import FRAMES, LATENCIES, failed, result
 
 from coopsim.bench.grid.cell import Cell, CellResult, Condition

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import SMALL
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from small_env import SMALL
 
 import coopsim
 from coopsim.cli.entry import main

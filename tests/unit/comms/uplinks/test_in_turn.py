@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from cars_in_a_row import boxes, message, observe
-from conftest import SMALL
+from small_env import SMALL
 
 import coopsim
 from coopsim.comms.decode_once import DecodeOnce

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from cars_in_a_row import boxes, message, observe
-from conftest import SMALL
+from small_env import SMALL
 
 import coopsim
 from coopsim.comms.decode_once import DecodeOnce
