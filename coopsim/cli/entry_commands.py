@@ -118,7 +118,7 @@ def _told(name: str, scores: Mapping[str, Any], written: Path) -> int:
 
 
 def _check(options: argparse.Namespace) -> int:
-    from coopsim.bench.entries.entry_files import printable
+    from coopsim.support.printable import printable
 
     problems = _problems(options, rerun=True, whole=options.whole)
     for folder, lines in problems.items():
@@ -130,10 +130,10 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _page(options: argparse.Namespace) -> int:
-    from coopsim.bench.entries.entry_files import printable
     from coopsim.bench.entries.entry_page import Board, enter_all, write_board
     from coopsim.bench.entries.ranking import read_rankings
     from coopsim.bench.isolated.isolation import Isolation
+    from coopsim.support.printable import printable
 
     rankings, left_out = read_rankings(options.runs, Isolation.of(options.isolate, options.salt_fd))
     rows, lines = enter_all(options.folders, _problems(options, rerun=options.rerun), rankings)

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from coopsim.bench.engine.engine import DoneT, Engine, Work, run_work
-from coopsim.bench.entries.entry_files import printable, work_folder
+from coopsim.bench.entries.entry_files import work_folder
 from coopsim.bench.entries.entry_folder import CARD, HEADINGS, OURS, EntryFolder
 from coopsim.bench.entries.fixed_run import SCORED, WARM_UP, FixedRun, differences, needs_of
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.errors import CoopsimError, LeaderboardEntryError
+from coopsim.support.printable import printable
 from coopsim.support.rng import fresh_seed, stream
 
 DRAWN = 2

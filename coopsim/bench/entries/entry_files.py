@@ -112,11 +112,6 @@ def work_folder(key: str = "") -> Iterator[Path]:
     shutil.rmtree(work)
 
 
-def printable(text: str) -> str:
-    """Return a text with escapes in place of characters that would steer a terminal."""
-    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
-
-
 def _blocks(path: Path, most: int) -> Iterator[bytes]:
     """Yield a regular file's content; a link is not followed, and a pipe not waited for."""
     try:
