@@ -29,7 +29,7 @@ demo: $(VENV)/.user
 # Each has one thread: take as many as there are cores.
 test: export OMP_NUM_THREADS := 1
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest --numprocesses $(TEST_PROCESSES) --dist worksteal
+	$(BIN)/python -m pytest --numprocesses $(TEST_PROCESSES) --dist worksteal --hold-times
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
