@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from held_times import HeldTimes
 from hypothesis import HealthCheck, settings
+from jobs_here import jobs_here  # noqa: F401  (a fixture)
 from order import slow_first
 from short_episode import folder_bytes, short_episode  # noqa: F401  (fixtures)
 from small_env import SMALL

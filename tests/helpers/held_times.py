@@ -8,8 +8,9 @@ from collections.abc import Generator
 import pytest
 from numba.core import event
 
-LIMIT_S = 3.0
-"""Processor time of one test's call, on the machine for which `REFERENCE_S` was measured."""
+LIMIT_S = 5.0
+"""Processor time of one test's call, on the machine for which `REFERENCE_S` was measured. Tests are meant to take less
+than 3 s; the rest is for processors that others use at the same time."""
 
 REFERENCE_S = 0.045
 """Processor time of `some_work` on the machine on which tests were measured, a virtual core of an AMD EPYC."""
