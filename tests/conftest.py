@@ -21,7 +21,9 @@ from coopsim.comms.envelope import encode_message
 from coopsim.types import Message
 
 # How fast examples are drawn and run is the machine's affair: a busy one is no failure.
-settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+PATIENT: dict[str, Any] = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
+settings.register_profile("patient", max_examples=40, **PATIENT)
+settings.register_profile("thorough", max_examples=200, **PATIENT)  # of `make check-long`
 settings.load_profile("patient")
 
 
