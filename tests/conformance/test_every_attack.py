@@ -29,9 +29,7 @@ class Mine(coopsim.Attack):
 """
 
 
-@pytest.mark.parametrize(
-    "name", except_for(ATTACKS.names(), {"bim", "cw", "pgd"})
-)  # they take many of the steps of `fgsm`
+@pytest.mark.parametrize("name", except_for(ATTACKS.names(), {"bim", "cw", "pgd"}))  # many steps of `fgsm`
 def test_every_registered_attack_keeps_the_rules(name: str) -> None:
     if ATTACKS.get(name).knowledge == "weights":
         pytest.importorskip("torch")
