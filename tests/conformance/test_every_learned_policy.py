@@ -93,6 +93,7 @@ def require_same(one: list[Tracks], other: list[Tracks]) -> None:
         np.testing.assert_array_equal(a.boxes.array, b.boxes.array)
 
 
+@pytest.mark.heavy("a check plays eight episodes, here with a network for each agent")
 @IN_BOTH_IF_LONG
 @OF_EACH_MESSAGE
 def test_policy(name: str) -> None:
