@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -21,6 +20,7 @@ from coopsim.world.places.crossings import (
     make_roundabout,
     make_t_junction,
 )
+from coopsim.world.places.description import PlaceDescription
 from coopsim.world.places.highway import make_highway, make_platoon
 from coopsim.world.places.layout import Layout
 from coopsim.world.places.merge import make_merge
@@ -44,7 +44,7 @@ class Scenario:
         layout: the place.
         population: the requested numbers, as far as they fit.
         detail: one of `DETAILS`.
-        description: plain data that `coopsim.world.custom.place` reads; None: the place is built in.
+        description: it was built from this; None: the place is built in.
         place_seed: seed that the place was drawn from; None: it was not drawn.
         script: vehicles on the roads, and people beside those of the population, who are not drawn; the population's
             numbers of moving vehicles and of connected cars are the script's. None: all are drawn.
@@ -57,7 +57,7 @@ class Scenario:
     layout: Layout
     population: Population
     detail: str = "plain"
-    description: Mapping[str, Any] | None = field(default=None, repr=False)  # of hundreds of lines
+    description: PlaceDescription | None = field(default=None, repr=False)  # of hundreds of lines
     place_seed: int | None = None
     script: Script | None = None
 
@@ -131,13 +131,13 @@ class Place:
         name: name of the scenario.
         make_layout: builds the layout.
         population: its usual numbers.
-        description: plain data as under `place` in a scenario file, not to be changed; None: the place is built in.
+        description: it was built from this; None: the place is built in.
     """
 
     name: str
     make_layout: Callable[[], Layout]
     population: Population
-    description: Mapping[str, Any] | None = field(default=None, repr=False)  # of hundreds of lines
+    description: PlaceDescription | None = field(default=None, repr=False)  # of hundreds of lines
 
 
 NUMBERS = ("density", *(field.name for field in fields(Population)))
@@ -168,7 +168,7 @@ def make_scenario(place: str | Place, *, density: float = 1.0, detail: str | Non
     Args:
         place: registered name, or a custom place.
         density: factor on the numbers of vehicles and people, but not of agents.
-        detail: one of `DETAILS`; None: "full" for a described place with the key `furniture`, "plain" for others.
+        detail: one of `DETAILS`; None: "full" for a described place with `furniture`, "plain" for others.
         **numbers: fields of `Population`. Without `connected_cars`, all cars are connected where there are fewer cars
             than the place's usual number of connected ones.
 
@@ -187,8 +187,8 @@ def make_scenario(place: str | Place, *, density: float = 1.0, detail: str | Non
     detail = detail or usual_detail(found)
     layout, population = found.make_layout(), Population(**wanted)
     # Names of described places hold those of their files, which may change.
-    identity = found.name if found.description is None else json.dumps(found.description, sort_keys=True)
-    if detail != "plain" and "furniture" not in (found.description or ()):
+    identity = found.name if found.description is None else found.description.identity
+    if detail != "plain" and (found.description is None or found.description.furniture is None):
         layout = furnished_for(identity, layout)
     if detail == "street":
         layout = street_for(identity, layout, park=not population.parked)
@@ -212,7 +212,7 @@ def wanted_numbers(name: str, usual: Population, density: float, numbers: Mappin
 
 def usual_detail(place: Place) -> str:
     """Return the detail of a place for which none is asked: "full" if its description says what stands there."""
-    return "full" if place.description is not None and "furniture" in place.description else "plain"
+    return "full" if place.description is not None and place.description.furniture is not None else "plain"
 
 
 def _is_count(value: object) -> bool:
