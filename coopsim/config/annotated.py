@@ -45,9 +45,9 @@ class OneOf(NamedTuple):
 
 
 class AtLeast(NamedTuple):
-    """A line of at least `count` points."""
+    """A line of at least so many points."""
 
-    count: int
+    points: int
 
 
 class Key(NamedTuple):
@@ -76,7 +76,7 @@ def read(annotation: Any, entry: Entry) -> Any:
     if is_dataclass(annotation):
         return _read_object(annotation, entry)
     if origin is Annotated:
-        return _read_checked(*parts, entry)
+        return _read_checked(parts[1], entry)
     if origin in (Union, UnionType):
         return read(parts[0], entry)
     if annotation == Point:
@@ -99,17 +99,17 @@ def _read_object(kind: Any, entry: Entry) -> Any:
     return kind(**{keys[name].field: read(keys[name].annotation, item) for name, item in found.items()})
 
 
-def _read_checked(annotation: Any, rule: Checked | OneOf | AtLeast, entry: Entry) -> Any:
+def _read_checked(rule: Checked | OneOf | AtLeast, entry: Entry) -> Any:
     if isinstance(rule, OneOf):
         return entry.choice(rule.accepted, rule.kind)
     if isinstance(rule, AtLeast):
-        return entry.polyline(rule.count)
+        return entry.polyline(rule.points)
     return entry.checked(rule.check, *rule.limits)
 
 
 def plain_of(value: Any) -> Any:
     """Return plain data from which an equal value is read; fields with their default values are left out."""
-    if is_dataclass(value):
+    if is_dataclass(value) and not isinstance(value, type):
         found = {name: (getattr(value, key.field), key) for name, key in keys_of(type(value)).items()}
         defaults = {each.name: each.default for each in fields(value)}
         return {name: plain_of(own) for name, (own, key) in found.items() if own != defaults[key.field]}

@@ -54,7 +54,7 @@ class Entry(ABC):
 
     @abstractmethod
     def part(self, *keys: str | int) -> Entry:
-        """Return what keys and numbers in lists lead to, or the last on the way there that is in a file."""
+        """Return what keys and numbers in lists lead to; in a file, the last on the way there that is written."""
 
     @abstractmethod
     def scalar(self) -> str | None:
@@ -214,7 +214,9 @@ class DataEntry(Entry):
     def part(self, *keys: str | int) -> DataEntry:
         found = self
         for key in keys:
-            found = DataEntry(None, found.name if isinstance(key, int) else key, self.kind, found, key)
+            has = isinstance(found._value, dict) if isinstance(key, str) else isinstance(found._value, list)
+            value = found._value[key] if has and (isinstance(key, int) or key in found._value) else None
+            found = DataEntry(value, found.name if isinstance(key, int) else key, self.kind, found, key)
         return found
 
     def scalar(self) -> str | None:

@@ -49,8 +49,7 @@ def _start(roads: Roads, start: MapStart, number: int) -> tuple[StartSlot, float
     road = roads.find(start.road, "starts", number, "road")
     entry, length_m = roads.root.part("starts", number), round(roads.length_m(road), 3)
     if not 0 <= start.at_m <= length_m:
-        message = f"at_m must be in [0, {length_m:g}], the length of the road, got {start.at_m:g}"
-        raise entry.part("at_m").error(message)
+        raise entry.part("at_m").error(f"at_m must be in [0, {length_m:g}], got {start.at_m:g}")
     piece, at_m = roads.piece_at(road, float(start.at_m))
     route: list[Road] = []
     if start.route:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from coopsim.config.annotated import Point
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import numbered
@@ -24,7 +25,7 @@ from coopsim.world.furniture.free_ground import (
     settle,
 )
 from coopsim.world.furniture.sides import Sides
-from coopsim.world.places.description import MapFurniture, Point
+from coopsim.world.places.description import MapFurniture
 
 _STEPS_M = 0.5 * np.arange(8)  # distances that a piece is moved outward, until it fits
 _LINE_STEPS_M = 0.5 * np.arange(6)

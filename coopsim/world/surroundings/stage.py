@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -72,7 +72,7 @@ class Stage:
         for k in np.flatnonzero(fits).tolist():
             self._build(drafts[k // steps].items, anchors[k // steps], steps_m[k % steps])
 
-    def plant(self, spots: Sequence[tuple[float, float]], sizes_m: Mapping[str, float]) -> None:
+    def plant(self, spots: Sequence[tuple[float, float]], sizes_m: Mapping[str, Any]) -> None:
         """Plant trees of one size at places (m) that are known to be free but for what their crowns may not touch."""
         at, radius = np.array(spots, dtype=np.float64).reshape(-1, 2), sizes_m["crown_m"] / 2 - LOW_CROWN_M
         free = are_free(at, radius, CROWN, self.obstacles) & are_free(at, radius, GROUND, self.lanes)

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from coopsim.config.annotated import Point
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
-from coopsim.world.places.description import MapLane, Point, point_of
+from coopsim.world.places.description import MapLane, point_of
 from coopsim.world.towns.kerbs import touch_rad
 from coopsim.world.towns.plan import LANE_M, Junction, Plan, Station, Street, Stretch
 

@@ -8,9 +8,10 @@ from itertools import combinations
 
 import numpy as np
 
+from coopsim.config.annotated import Point
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
-from coopsim.world.places.description import MapLane, MapStart, MapUnit, Point
+from coopsim.world.places.description import MapLane, MapStart, MapUnit
 from coopsim.world.towns.plan import LANE_M, Plan
 from coopsim.world.towns.roads import TownLane, TownRoads
 

@@ -9,11 +9,12 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
+from coopsim.config.annotated import Point
 from coopsim.geometry import exact
 from coopsim.support.rng import stream
 from coopsim.world.custom.place import build_place
 from coopsim.world.furniture.furnish import furnished, leafy
-from coopsim.world.places.description import PlaceDescription, Point, point_of
+from coopsim.world.places.description import PlaceDescription, point_of
 from coopsim.world.places.layout import Layout
 from coopsim.world.population import Population
 from coopsim.world.scenario import Place
