@@ -11,6 +11,7 @@ from typing import Any
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.support.checks import require_choice, require_non_negative
 from coopsim.support.registry import Registry
+from coopsim.world.custom.place import place_from
 from coopsim.world.furniture.furnish import furnished_for
 from coopsim.world.models import Model, make_models
 from coopsim.world.places.crossings import (
@@ -24,6 +25,7 @@ from coopsim.world.places.description import PlaceDescription
 from coopsim.world.places.highway import make_highway, make_platoon
 from coopsim.world.places.layout import Layout
 from coopsim.world.places.merge import make_merge
+from coopsim.world.places.place import Place as Place
 from coopsim.world.places.urban_grid import make_urban_grid
 from coopsim.world.population import Population, require_one_of_each
 from coopsim.world.script import Script
@@ -123,27 +125,28 @@ DENSE = (
 """Numbers of vehicles and people, which `density` multiplies."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Place:
-    """A place with its usual population.
-
-    Attributes:
-        name: name of the scenario.
-        make_layout: builds the layout.
-        population: its usual numbers.
-        description: it was built from this; None: the place is built in.
-    """
-
-    name: str
-    make_layout: Callable[[], Layout]
-    population: Population
-    description: PlaceDescription | None = field(default=None, repr=False)  # of hundreds of lines
-
-
 NUMBERS = ("density", *(field.name for field in fields(Population)))
 """Keywords of `make_scenario`."""
 
-SCENARIOS: Registry[Place] = Registry("scenario")
+
+class ScenarioRegistry(Registry[Place]):
+    """Places by name. What is registered may also be a description, or a function that returns one or a place."""
+
+    def get(self, name: str) -> Place:
+        """Return the place called `name`, which is built when it is first asked for."""
+        found: Any = super().get(name)
+        if isinstance(found, Place):
+            return found
+        made = found() if callable(found) else found
+        if not isinstance(made, (Place, PlaceDescription)):
+            accepted = "a PlaceDescription, or a function that returns one"
+            raise InvalidValueError(f"scenario {name!r} must be {accepted}, got {type(made).__name__}")
+        self._entries[name] = made if isinstance(made, Place) else place_from(made, name)
+        return self._entries[name]
+
+
+SCENARIOS = ScenarioRegistry("scenario", group="coopsim.places")
+"""Places by name. Installed packages add theirs through the entry-point group `coopsim.places`."""
 
 
 def _register(name: str, make_layout: Callable[[], Layout], population: Population) -> None:

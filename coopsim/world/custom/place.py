@@ -30,11 +30,11 @@ from coopsim.world.custom.ways import Ways, build_ways
 from coopsim.world.furniture.furnish import with_furniture
 from coopsim.world.places.description import SURFACES, PlaceDescription
 from coopsim.world.places.layout import Layout, flights_around, lane_outline, rectangle
+from coopsim.world.places.place import Place
 from coopsim.world.places.road_network import RoadNetwork
 from coopsim.world.places.scenery import lane_lines, town_parts
 from coopsim.world.places.streets import RSU_HEIGHT_M
 from coopsim.world.population import Population
-from coopsim.world.scenario import Place
 from coopsim.world.snapshot import RoadMap
 
 _CLEARANCE_M = 3.4  # less than between the two lanes of a road: oncoming traffic does not obstruct
