@@ -41,9 +41,12 @@ def test_every_registered_attack_keeps_the_rules(name: str) -> None:
 
 
 def test_an_attack_by_gradients_keeps_the_rules_on_maps_of_features(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In a few frames; with all of them, and on queries, `make check-long` tries it among all others."""
+    """Of a tiny network; on those that ship, and on queries, `make check-long` tries it among all others."""
     pytest.importorskip("torch")
-    monkeypatch.setattr(attack_checks, "_POLICIES", {"features": "attfuse"})
+    from tiny_networks import learned
+
+    settings = ", ".join(f"{name}={value!r}" for name, value in learned("attfuse").items())
+    monkeypatch.setattr(attack_checks, "_POLICIES", {"features": f"attfuse({settings})"})
     monkeypatch.setattr(attack_checks, "_FRAMES", 4)
     check_attack("fgsm")
 
