@@ -20,19 +20,25 @@ Entry = dict[str, Any]
 
 def listing() -> dict[str, Callable[[], list[Entry]]]:
     """Return the functions that list the entries of each kind."""
-    from coopsim.attacks.attack import ATTACKS
+    from coopsim.bench.detect.protocols import PROTOCOLS
     from coopsim.catalog import REWARDS, scenario_folder
     from coopsim.comms.codecs.codec import CODECS
     from coopsim.comms.uplinks.uplink import UPLINKS
     from coopsim.data.export.export_format import EXPORT_FORMATS
-    from coopsim.defenses.defense import DEFENSES
     from coopsim.detection.detector import DETECTORS
     from coopsim.detection.embedder import EMBEDDERS
-    from coopsim.planning.planner import PLANNERS
+    from coopsim.interfaces.attack import ATTACKS
+    from coopsim.interfaces.defense import DEFENSES
+    from coopsim.interfaces.planner import PLANNERS
+    from coopsim.recordings.formats import RECORDINGS
+    from coopsim.world.scenario import SCENARIOS
+    from coopsim.world.situations.situation import SITUATIONS
 
     return {
         "policies": lambda: [entry | {"uplink": _uplink(entry["name"])} for entry in _registered(coopsim.POLICIES)],
         "environments": _environments,
+        "places": lambda: [_entry(name, _first_sentence(SCENARIOS.get(name).make_layout)) for name in SCENARIOS],
+        "situations": partial(_registered, SITUATIONS),
         "scenario files": lambda: _files(scenario_folder()),
         "detectors": partial(_registered, DETECTORS),
         "embedders": partial(_registered, EMBEDDERS),
@@ -45,6 +51,8 @@ def listing() -> dict[str, Callable[[], list[Entry]]]:
         "defenses": lambda: [_with_needs(entry, DEFENSES.get(entry["name"])) for entry in _registered(DEFENSES)],
         "metrics": _metrics,
         "rewards": partial(_registered, REWARDS),
+        "protocols": partial(_registered, PROTOCOLS),
+        "recordings": partial(_registered, RECORDINGS),
         "export formats": partial(_registered, EXPORT_FORMATS),
         "presets": lambda: _files(_package_folder() / "bench" / "grid" / "presets", suffix=""),
         "recipes": lambda: _files(_package_folder() / "learn" / "recipes", suffix=""),
@@ -85,9 +93,9 @@ def _uplink(policy: str) -> str:
 
 
 def _environments() -> list[Entry]:
+    from coopsim.world.drawn_places import TOWN
     from coopsim.world.scenario import SCENARIOS
     from coopsim.world.situations.situation import SITUATIONS
-    from coopsim.world.towns.scenarios import TOWN
 
     def described(name: str) -> str:
         bare = name.rpartition("-v")[0]

@@ -12,7 +12,6 @@ from typing import Any
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.support.checks import require_choice, require_non_negative
 from coopsim.support.registry import Registry
-from coopsim.world.furniture.furnish import furnished_for
 from coopsim.world.models import Model, make_models
 from coopsim.world.places.crossings import (
     make_crossing,
@@ -28,11 +27,18 @@ from coopsim.world.places.urban_grid import make_urban_grid
 from coopsim.world.population import Population, require_one_of_each
 from coopsim.world.script import Script
 from coopsim.world.snapshot import StaticPart
-from coopsim.world.surroundings.street import street_for
 
 DETAILS = ("plain", "full", "street")
 """How much there is to see: roads, buildings and a few shapes of actors; also furniture, plants, varied actors; also
 the surroundings of real streets, and people and vehicles at rest in them."""
+
+
+FURNISHINGS: Registry[Callable[..., Layout]] = Registry("furnishing", home="coopsim.world.surroundings.furnishings")
+"""Functions that return a layout with more in it.
+
+"furniture" and what stands and rests in a "street" are given the place's identity (its name, or all of its description
+as text), its layout and its population, "clutter" a layout and a random generator.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,7 +149,8 @@ class Place:
 NUMBERS = ("density", *(field.name for field in fields(Population)))
 """Keywords of `make_scenario`."""
 
-SCENARIOS: Registry[Place] = Registry("scenario")
+SCENARIOS: Registry[Place] = Registry("scenario", group="coopsim.places")
+"""Places with their usual populations. Installed packages add theirs through the entry-point group `coopsim.places`."""
 
 
 def _register(name: str, make_layout: Callable[[], Layout], population: Population) -> None:
@@ -189,9 +196,9 @@ def make_scenario(place: str | Place, *, density: float = 1.0, detail: str | Non
     # Names of described places hold those of their files, which may change.
     identity = found.name if found.description is None else json.dumps(found.description, sort_keys=True)
     if detail != "plain" and "furniture" not in (found.description or ()):
-        layout = furnished_for(identity, layout)
+        layout = FURNISHINGS.get("furniture")(identity, layout, population)
     if detail == "street":
-        layout = street_for(identity, layout, park=not population.parked)
+        layout = FURNISHINGS.get("street")(identity, layout, population)
     return Scenario(found.name, layout, population, detail, found.description)
 
 
