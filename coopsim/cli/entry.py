@@ -99,7 +99,7 @@ def make_parser(typed: Sequence[str] = ()) -> Parser:
         if name not in typed:
             commands.add_parser(name, help=COMMANDS.source_of(name))
     for name in (*_COMMANDS, *(name for name in installed if name in typed)):
-        command = COMMANDS.get(name)
+        command = _COMMANDS[name] if name in _COMMANDS else COMMANDS.get(name)
         subparser = commands.add_parser(
             name,
             help=command.help,

@@ -1,4 +1,4 @@
-"""What attacks, defences, planners and networks are to the core: an interface and a registry each.
+"""Interfaces and registries of attacks, defences, planners and networks, at which these dock.
 
 The core imports none of them: their registries find them, the built-in ones in `coopsim.attacks`, `coopsim.defenses`,
 `coopsim.planning` and `coopsim.agents.learned_covariance`, others by entry points. `lying_agents` applies attacks to

@@ -213,7 +213,7 @@ def _require_scores(score: Floats) -> None:
 
 
 class _Acts(Protocol):
-    """What `act_of` asks of a policy."""
+    """Part of a policy that `act_of` needs."""
 
     @property
     def needs(self) -> Any: ...

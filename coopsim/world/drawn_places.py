@@ -22,7 +22,7 @@ TOWN_KEYS = tuple(field.name for kind in _OF_TOWNS for field in fields(kind))
 
 
 class DrawnPlaces(ABC):
-    """What draws places."""
+    """Drawer of places."""
 
     @abstractmethod
     def place(self, place_seed: int, options: TownOptions) -> Place:
@@ -48,7 +48,7 @@ class DrawnPlaces(ABC):
 
 
 DRAWN: Registry[type[DrawnPlaces]] = Registry("drawn place", home="coopsim.world.towns.scenarios")
-"""What draws places, by the names of their scenarios."""
+"""Drawers of places, by the names of their scenarios."""
 
 
 def choose_scenarios(
