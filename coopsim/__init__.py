@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from coopsim.catalog import parallel_env as parallel_env
     from coopsim.data.export.export_run import check_export as check_export
     from coopsim.data.export.export_run import export as export
+    from coopsim.envs import register_place as register_place
     from coopsim.envs.simulated.record_episode import record as record
     from coopsim.envs.single_agent_env import single_env as single_env
     from coopsim.envs.vector.make import vector as vector
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
     from coopsim.interfaces.planner import PlannedCar as PlannedCar
     from coopsim.interfaces.planner import Planner as Planner
     from coopsim.support.precision import set_precision as set_precision
+    from coopsim.world.places.description import PlaceDescription as PlaceDescription
 
 register_environments()
 
@@ -88,6 +90,8 @@ _HOMES = {
     "Episode": "coopsim.episode",
     "Recorder": "coopsim.episode",
     "record": "coopsim.envs.simulated.record_episode",
+    "register_place": "coopsim.envs",
+    "PlaceDescription": "coopsim.world.places.description",
     "rollout": "coopsim.bench.evaluate",
     "set_precision": "coopsim.support.precision",
     "vector": "coopsim.envs.vector.make",

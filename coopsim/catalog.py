@@ -68,8 +68,11 @@ class _Environments(Registry["Callable[..., CooperativeEnv]"]):
         for name, make in makers.items():
             versioned = f"{name}-v{VERSION}"
             if versioned not in self._entries:
-                self.register(versioned)(partial(make, f"{NAMESPACE}/{versioned}"))
+                made = self.register(versioned)(partial(make, f"{NAMESPACE}/{versioned}"))
                 register_with_gymnasium(versioned)
+                if versioned not in VERSIONED_NAMES:  # which `coopsim.envs` registers
+                    pettingzoo = importlib.import_module("pettingzoo")
+                    pettingzoo.register("parallel", f"{NAMESPACE}/{versioned}", made)
 
 
 ENVIRONMENTS: Registry[Callable[..., CooperativeEnv]] = _Environments("environment")

@@ -16,7 +16,7 @@ from coopsim.support.lazy_names import lazy_names
 from coopsim.types.messages import IDLE, MANEUVERS
 
 if TYPE_CHECKING:
-    from coopsim.envs.makers import file_env, replay_env, simulation_env, situation_env
+    from coopsim.envs.makers import file_env, register_place, replay_env, simulation_env, situation_env
     from coopsim.envs.message_gain import MessageGain
     from coopsim.envs.parallel import CooperativeEnv
     from coopsim.envs.rewards import DriveReward, DriveStep, MotaReward, Reward, SafeProgress
@@ -32,6 +32,7 @@ __all__ = [
     "Reward",
     "SafeProgress",
     "file_env",
+    "register_place",
     "replay_env",
     "simulation_env",
     "situation_env",
@@ -41,7 +42,9 @@ _HOMES = {
     "CooperativeEnv": "coopsim.envs.parallel",
     "MessageGain": "coopsim.envs.message_gain",
     **dict.fromkeys(("DriveReward", "DriveStep", "MotaReward", "Reward", "SafeProgress"), "coopsim.envs.rewards"),
-    **dict.fromkeys(("file_env", "replay_env", "simulation_env", "situation_env"), "coopsim.envs.makers"),
+    **dict.fromkeys(
+        ("file_env", "register_place", "replay_env", "simulation_env", "situation_env"), "coopsim.envs.makers"
+    ),
 }
 
 __getattr__, __dir__ = lazy_names(__name__, _HOMES)

@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from coopsim.catalog import ENVIRONMENTS, VERSION
 from coopsim.envs.frames import FrameSource
 from coopsim.envs.options import CommonOptions, require_truth_exposed, sort_options
 from coopsim.envs.parallel import CooperativeEnv
@@ -22,14 +23,15 @@ from coopsim.envs.simulated.record_episode import as_recorded, played_scenarios
 from coopsim.envs.simulated.scenario_file import load_scenario_file
 from coopsim.envs.simulated.simulation import Simulation
 from coopsim.envs.simulated.simulation_options import SimulationOptions
-from coopsim.errors import CoopsimError, InvalidValueError
+from coopsim.errors import CoopsimError, DuplicateNameError, InvalidValueError
 from coopsim.recordings.formats import AUTO, TEXT, find_format, formats, open_folder
 from coopsim.support.checks import require_choice
 from coopsim.world.drawn_options import PlaceSeeds, TownOptions
 from coopsim.world.drawn_places import TOWN, TOWN_KEYS, choose_scenarios, scenario_names
+from coopsim.world.places.description import PlaceDescription
 from coopsim.world.population import Population, drop_overridden
 from coopsim.world.recording.episode_file import Episode
-from coopsim.world.scenario import NUMBERS, Place
+from coopsim.world.scenario import NUMBERS, SCENARIOS, Place
 from coopsim.world.situations.situation import EGO, SITUATIONS, Situation
 
 
@@ -177,3 +179,27 @@ def makers() -> dict[str, Callable[..., CooperativeEnv]]:
         "file": file_env,
         "replay": replay_env,
     }
+
+
+def register_place(name: str, place: PlaceDescription | Callable[[], PlaceDescription]) -> None:
+    """Register a place by name: `coopsim.parallel_env(name)` makes an environment in it from then on.
+
+    Installed packages need not call this: the entry-point group `coopsim.places` has names and descriptions, too.
+
+    Args:
+        name: name of the scenario; its environment is `coopsim/<name>-v2`.
+        place: its description, or a function that returns it when the place is first used.
+
+    Raises:
+        DuplicateNameError: there is a scenario or an environment of that name.
+        InvalidValueError: it is neither.
+    """
+    if not isinstance(place, PlaceDescription) and not callable(place):
+        raise InvalidValueError(
+            f"place must be a PlaceDescription, or a function that returns one, got {type(place).__name__}"
+        )
+    versioned = f"{name}-v{VERSION}"
+    if versioned in ENVIRONMENTS:
+        raise DuplicateNameError(f"environment {versioned!r} is already registered")
+    SCENARIOS.register(name)(place)
+    assert versioned in ENVIRONMENTS  # each place is one, from the next look-up on

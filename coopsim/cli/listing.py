@@ -37,7 +37,7 @@ def listing() -> dict[str, Callable[[], list[Entry]]]:
     return {
         "policies": lambda: [entry | {"uplink": _uplink(entry["name"])} for entry in _registered(coopsim.POLICIES)],
         "environments": _environments,
-        "places": lambda: [_entry(name, _first_sentence(SCENARIOS.get(name).make_layout)) for name in SCENARIOS],
+        "places": lambda: [_entry(name, _of_place(name)) for name in SCENARIOS],
         "situations": partial(_registered, SITUATIONS),
         "scenario files": lambda: _files(scenario_folder()),
         "detectors": partial(_registered, DETECTORS),
@@ -92,6 +92,14 @@ def _uplink(policy: str) -> str:
     return str(coopsim.POLICIES.get(policy).needs.uplink)
 
 
+def _of_place(name: str) -> str:
+    """Describe a place: what its maker does, or that it is described."""
+    from coopsim.world.scenario import SCENARIOS
+
+    place = SCENARIOS.get(name)
+    return _first_sentence(place.make_layout) if place.description is None else "Drive in a described place"
+
+
 def _environments() -> list[Entry]:
     from coopsim.world.drawn_places import TOWN
     from coopsim.world.scenario import SCENARIOS
@@ -100,7 +108,7 @@ def _environments() -> list[Entry]:
     def described(name: str) -> str:
         bare = name.rpartition("-v")[0]
         if bare in SCENARIOS:
-            return _first_sentence(SCENARIOS.get(bare).make_layout)
+            return _of_place(bare)
         if bare in SITUATIONS:
             return _first_sentence(SITUATIONS.get(bare))
         return "Draw a town for each episode" if bare == TOWN else _first_sentence(coopsim.ENVIRONMENTS.get(name))

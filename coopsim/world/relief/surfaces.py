@@ -82,9 +82,6 @@ _ALONG = 12  # parts in which the profile is cut: a hump 0.1 m high differs from
 USUAL_LENGTH_M, USUAL_HEIGHT_M = 3.7, 0.075
 """Of Britain's standard hump (TRL report 377), at the height that buses accept (TRL report 186)."""
 
-LENGTHS_M, HEIGHTS_M = (0.9, 20.0), (0.025, 0.1)
-"""Accepted sizes: the least length, and both heights, are those of Britain's regulations of 1999."""
-
 
 @dataclass(frozen=True, slots=True)
 class Hump:

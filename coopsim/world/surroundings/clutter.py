@@ -11,6 +11,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.world.furniture.free_ground import GROUND, are_free, obstacles_of
 from coopsim.world.furniture.furnish import furnishing_parts
 from coopsim.world.furniture.kinds import KINDS
+from coopsim.world.places.description import MapFurniture, point_of
 from coopsim.world.places.layout import Layout
 
 # Real streets have several times as many small things as drawn ones, by the clusters that the page counts.
@@ -39,11 +40,11 @@ def cluttered(layout: Layout, rng: np.random.Generator) -> Layout:
     return replace(layout, furnishing=(*layout.furnishing, *pieces))
 
 
-def _piece(spot: Floats, rng: np.random.Generator) -> dict[str, Any]:
+def _piece(spot: Floats, rng: np.random.Generator) -> MapFurniture:
     """Draw a piece of furniture, with sizes of which there are few, so that most pieces share a mesh."""
     kind = _SMALL[int(rng.integers(len(_SMALL)))]
-    sizes = {
+    sizes: dict[str, Any] = {
         name: float(np.round(rng.uniform(max(size.least, _LEAST_M), min(size.most, _LARGEST[name])), 1))
         for name, size in KINDS[kind].sizes.items()
     }
-    return {"kind": kind, "at": spot.tolist(), "heading_deg": float(rng.uniform(0.0, 360.0)), **sizes}
+    return MapFurniture(kind, point_of(spot), float(rng.uniform(0.0, 360.0)), **sizes)
