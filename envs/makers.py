@@ -201,5 +201,6 @@ def register_place(name: str, place: PlaceDescription | Callable[[], PlaceDescri
     versioned = f"{name}-v{VERSION}"
     if versioned in ENVIRONMENTS:
         raise DuplicateNameError(f"environment {versioned!r} is already registered")
-    SCENARIOS.register(name)(place)
-    assert versioned in ENVIRONMENTS  # each place is one, from the next look-up on
+    known: Any = place
+    SCENARIOS.register(name)(known)
+    ENVIRONMENTS.names()  # gymnasium and PettingZoo, too, know it from now on

@@ -41,7 +41,6 @@ _CLEARANCE_M = 3.4  # less than between the two lanes of a road: oncoming traffi
 _AROUND_M = 150.0  # of ground on each side of the outermost nodes
 
 
-@BUILDERS.register("described")
 def place_from(description: PlaceDescription | Mapping[str, Any], name: str) -> Place:
     """Make a place from a description.
 
@@ -54,6 +53,9 @@ def place_from(description: PlaceDescription | Mapping[str, Any], name: str) -> 
     """
     given = description.plain if isinstance(description, PlaceDescription) else description
     return read_place(DataEntry(plain(given), "place", InvalidValueError), name)
+
+
+BUILDERS.register("described")(place_from)
 
 
 def read_place(entry: Entry, name: str) -> Place:
