@@ -26,7 +26,7 @@ from coopsim.bench.safety.panel import CRASH, Panel, View
 from coopsim.bench.safety.recording import Recording, record
 from coopsim.bench.store.store import Store
 from coopsim.cli.entry import main
-from coopsim.planning.planner import PLANNERS, PlannedCar, Planner
+from coopsim.interfaces.planner import PLANNERS, PlannedCar, Planner
 
 SITUATION = "crossing_path"
 GRID = Grid(("no_fusion", "late_fusion"), scenarios=(SITUATION,), penetrations=(1, 0), seeds=(0, 1), frames=8)
