@@ -28,6 +28,7 @@ def listing() -> dict[str, Callable[[], list[Entry]]]:
     from coopsim.defenses.defense import DEFENSES
     from coopsim.detection.detector import DETECTORS
     from coopsim.detection.embedder import EMBEDDERS
+    from coopsim.episode import RECORDERS
     from coopsim.planning.planner import PLANNERS
 
     return {
@@ -44,6 +45,7 @@ def listing() -> dict[str, Callable[[], list[Entry]]]:
         "attacks": partial(_registered, ATTACKS),
         "defenses": lambda: [_with_needs(entry, DEFENSES.get(entry["name"])) for entry in _registered(DEFENSES)],
         "metrics": _metrics,
+        "recorders": partial(_registered, RECORDERS),
         "rewards": partial(_registered, REWARDS),
         "export formats": partial(_registered, EXPORT_FORMATS),
         "presets": lambda: _files(_package_folder() / "bench" / "grid" / "presets", suffix=""),

@@ -215,6 +215,17 @@ def _require_scores(score: Floats) -> None:
         raise InvalidActionError(f"track score must be in [{SCORES[0]:g}, {SCORES[1]:g}], got {wrong:g}")
 
 
+def tracks_of(actions: Mapping[str, Any]) -> dict[str, Tracks]:
+    """Return the tracks in the actions of agents, checked and copied, whatever their scores.
+
+    Raises:
+        InvalidActionError: tracks are malformed; the message names the agent.
+    """
+    return {
+        name: unpack_action(name, {"tracks": action["tracks"]}, any_score=True)[0] for name, action in actions.items()
+    }
+
+
 def act_of(
     policy: Policy, observations: Mapping[str, Mapping[str, Any]], infos: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, dict[str, Any]]:
