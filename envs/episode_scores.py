@@ -45,7 +45,7 @@ class EpisodeScores:
 
     @property
     def records(self) -> dict[str, dict[str, Any]]:
-        """What was kept, by the recorder's name and by agent."""
+        """The records for metrics, by the recorder's name and by agent."""
         return {name: dict(each.records()) for name, each in self._recorders.items()}
 
     def score(self, bytes_per_s: Callable[[str], float]) -> Score:

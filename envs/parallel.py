@@ -275,7 +275,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     @property
     def records(self) -> dict[str, dict[str, Any]]:
-        """What recorders have kept for metrics, by the recorder's name and by agent: "drives" of driven cars, say."""
+        """Records of the episode for metrics, by the recorder's name and by agent: "drives" of driven cars, say."""
         self._require_episode()
         return self._scores.records
 

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from coopsim.agents.policy import Needs, Policy
+import coopsim
 from coopsim.catalog import parallel_env
 from coopsim.detection.detector import SensorNeeds
 from coopsim.detection.oracle import Oracle, OracleDetector
@@ -85,10 +85,10 @@ def sensor_frames(needs: SensorNeeds, frames: int, seed: int, options: Mapping[s
     )
 
 
-class Idle(Policy):
+class Idle(coopsim.Policy):
     """A policy that hears nobody and reports nothing."""
 
-    needs = Needs(uplink="none")
+    needs = coopsim.Needs(uplink="none")
 
     def track(self, agent: str, observation: Observation) -> Tracks:
         return Tracks.empty()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -20,8 +20,12 @@ from coopsim.world.snapshot import RoadMap
 
 T = TypeVar("T")
 
-RunCell = Callable[[Cell, Recorder], CellResult]
-"""Runs a cell as the benchmark does, and tells a recorder of it."""
+
+class RunCell(Protocol):
+    """Runs a cell as the benchmark does, and tells recorders of it."""
+
+    def __call__(self, cell: Cell, *recorders: Recorder) -> CellResult: ...
+
 
 _POINTS_SHOWN = 500
 

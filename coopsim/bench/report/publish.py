@@ -149,13 +149,13 @@ def _require_within(folder: Path, paths: Iterable[Path]) -> None:
 def make_rerun(
     options: Mapping[str, Any], isolation: Mapping[str, Any] | None = None, *, trust: bool = False
 ) -> RunCell:
-    """Return a function that runs a cell as the benchmark does, and tells a recorder of it.
+    """Return a function that runs a cell as the benchmark does, and tells recorders of it.
 
     `options` of the environments and `isolation` of the policies are those in the results' folder; `trust` lets it run
     code that the cell and the options name: a policy, planner, attack or defence.
     """
 
-    def run(cell: Cell, recorder: Recorder) -> CellResult:
+    def run(cell: Cell, *recorders: Recorder) -> CellResult:
         try:
             if not trust and (code := code_in([cell.policy, cell.condition.as_dict(), dict(options)])) is not None:
                 raise InvalidValueError(f"it names code, {code!r}, which is run only with --trust")
@@ -164,7 +164,7 @@ def make_rerun(
             job = Job.of(cell, options, PolicySpec.parse(cell.policy), isolation=apart)
         except CoopsimError as error:  # the cell's policy or files are gone, or not trusted
             return CellResult(cell, traceback=str(error))
-        return run_job(job, [recorder]).result
+        return run_job(job, recorders).result
 
     return run
 

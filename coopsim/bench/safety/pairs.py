@@ -14,7 +14,6 @@ from coopsim.bench.grid.grid import Grid
 from coopsim.bench.report.clips import RunCell, pairs_in_time
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.safety.recording import Recording, record
-from coopsim.episode import Recorder
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.built_in import BYTES
@@ -113,7 +112,7 @@ def search_pair(grid: Grid, run: RunCell, seeds: Iterable[int]) -> Pair:
     for seed in seeds:
         both = []
         for policy in (alone, sharing):
-            result = run(Cell(policy, condition, seed, None), Recorder())
+            result = run(Cell(policy, condition, seed, None))
             if result.failed:
                 raise InvalidValueError(f"{policy} failed in {condition.scenario} with seed {seed}: {result.reason}")
             if CRASH not in result.values:
