@@ -75,18 +75,9 @@ class Episode:
         if tracks is not None:
             self.__dict__["tracks"] = tracks
 
-    def go_on(
-        self,
-        frame: Frame,
-        received: Mapping[str, Observation],
-        observations: ByAgent,
-        rewards: Mapping[str, float],
-        infos: ByAgent,
-        lies: tuple[Lie, ...],
-    ) -> None:
-        """Take over the next frame, and the rewards for the report before it."""
-        self.frame, self.received, self.observations = frame, received, observations
-        self.rewards, self.infos, self.lies, self.steps = rewards, infos, lies, self.steps + 1
+    def go_on(self, frame: Frame, received: Mapping[str, Observation], **newest: Any) -> None:
+        """Take over the next frame, and by name what else is new: observations, infos, rewards, lies."""
+        vars(self).update(newest, frame=frame, received=received, steps=self.steps + 1)
 
 
 class Recorder:

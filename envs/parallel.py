@@ -186,10 +186,9 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self.agents = list(frame.agents)
         self._rewards.begin(self.agent_specs, self._options.match_iou, source.region_m, seed)
         received, observations = self._observe(frame)
-        self._infos = EpisodeInfos(frame, self._options, staged=source.staged)
-        infos = self._infos.of_reset(frame, {"seed": seed, **source.episode_infos}, self._exchange.lies)
+        self._infos, lies = EpisodeInfos(frame, self._options, staged=source.staged), self._exchange.lies
+        infos = self._infos.of_reset(frame, {"seed": seed, **source.episode_infos}, lies)
         facts, policy = {**source.facts, **self._exchange.facts}, network_of(self._options)
-        lies = self._exchange.lies
         self._episode = Episode(self, seed, frame, received, observations, infos, lies, facts, policy)
         self._scores = EpisodeScores(self._episode, self._options.false_positives, self._view)
         self._show_if_human()
@@ -224,8 +223,9 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self.agents = [] if frame.last else list(frame.agents)
         parts = self._rewards.of_step(counts, over, frame)
         rewards = {name: total(each) for name, each in parts.items()}
-        infos = self._infos.of_step(over, frame, counts, parts, self._exchange.lies)
-        episode.go_on(frame, received, observations, rewards, infos, self._exchange.lies)
+        lies = self._exchange.lies
+        infos = self._infos.of_step(over, frame, counts, parts, lies)
+        episode.go_on(frame, received, observations=observations, rewards=rewards, infos=infos, lies=lies)
         self._scores.on_step(episode)
         self._show_if_human()
         crashed = dict.fromkeys(counts, frame.crashed)

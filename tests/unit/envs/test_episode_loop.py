@@ -34,8 +34,9 @@ class World:
         self.time += 1
         self.agents = [] if self.time == self.length else ["a", "b"]
         observations, infos = self._frame()
-        it, rewards = self, {"a": self.time, "b": 0.0}
-        self.episode.go_on(it, observations, observations, rewards, infos, ())  # type: ignore[arg-type]
+        it: Any = self
+        rewards = {"a": self.time, "b": 0.0}
+        self.episode.go_on(it, observations, observations=observations, rewards=rewards, infos=infos)
         return observations, rewards, {}, {}, infos
 
     def _frame(self) -> Any:
