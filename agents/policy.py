@@ -211,12 +211,12 @@ class Policy(ABC):
     def judgements(self, agents: Iterable[str]) -> dict[str, tuple[dict[str, float], int]]:
         """Return the trust of each agent as of its last frame, and the passes of the policy that its defence asked for.
 
-        Without a defence there are none, and the mapping is empty.
+        Without a defence there are none, and the mapping is empty; so it is before `reset`.
         """
         if self.guard is None:
             return {}
         passes = self.guard.passes()
-        return {agent: (self.trust(agent), passes.get(agent, 0)) for agent in agents}
+        return {agent: (self.trust(agent), passes[agent]) for agent in agents if agent in passes}
 
     def reset(self, agent_specs: Mapping[str, AgentSpec], seed: int = 0) -> None:
         """Begin an episode with these agents, and forget the last one.

@@ -6,9 +6,9 @@ import coopsim
 policy = coopsim.make_policy("late_fusion")
 env = coopsim.parallel_env("crossing", uplink=policy, latency_s=0.2, position_noise_m=0.2, max_cycles=50)
 observations, infos = env.reset(seed=7)
-policy.reset(env.agent_specs, seed=7)
+policy.reset(env.agent_specs, seed=env.policy_seed)
 while env.agents:
-    observations, rewards, terminations, truncations, infos = env.step(policy.act(observations))
+    observations, rewards, terminations, truncations, infos = env.step(policy.act(observations, infos))
 print(env.score().table())
 ```
 
@@ -50,8 +50,10 @@ if TYPE_CHECKING:
     from coopsim.envs.simulated.record_episode import record as record
     from coopsim.envs.single_agent_env import single_env as single_env
     from coopsim.envs.vector.make import vector as vector
+    from coopsim.episode import RECORDERS as RECORDERS
     from coopsim.episode import Episode as Episode
     from coopsim.episode import Recorder as Recorder
+    from coopsim.episode import run_episode as run_episode
     from coopsim.errors import CoopsimError as CoopsimError
     from coopsim.interfaces.attack import Attack as Attack
     from coopsim.interfaces.attack import AttackerView as AttackerView
@@ -88,7 +90,9 @@ _HOMES = {
     "PlannedCar": "coopsim.interfaces.planner",
     "Planner": "coopsim.interfaces.planner",
     "Episode": "coopsim.episode",
+    "RECORDERS": "coopsim.episode",
     "Recorder": "coopsim.episode",
+    "run_episode": "coopsim.episode",
     "record": "coopsim.envs.simulated.record_episode",
     "register_place": "coopsim.envs",
     "PlaceDescription": "coopsim.world.places.description",

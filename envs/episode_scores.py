@@ -1,72 +1,52 @@
-"""The scores of an episode: logs of tracks, drives, trust and lies, frame by frame, and what they come to."""
+"""The records of an episode, and the scores that they come to."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
+from typing import Any
 
-import numpy as np
-
-from coopsim.envs.frames import Frame, FrameSource
-from coopsim.envs.options import CommonOptions
-from coopsim.envs.scorer import Scorer
+from coopsim.episode import RECORDERS, Episode, Recorder
 from coopsim.errors import EpisodeStateError
-from coopsim.interfaces.attack_option import attacks_by_agent
-from coopsim.metrics.deception_log import DeceptionLog
-from coopsim.metrics.drive_log import DriveFrame, DriveLog
-from coopsim.metrics.evaluator import FrameCounts
-from coopsim.metrics.score import Score, summarize
-from coopsim.metrics.track_log import TrackLog
-from coopsim.metrics.trust_log import TrustLog
-from coopsim.types import Tracks, stack_xyz_yaw
-from coopsim.types.lies import Lie, lying_senders
+from coopsim.metrics.built_in import recorders_read
+from coopsim.metrics.recorders import TRACKS
+from coopsim.metrics.score import FalsePositives, Score, summarize
+from coopsim.metrics.scorer import TrackRecorder
 
 
 class EpisodeScores:
-    """Logs of an episode, by agent.
+    """The recorders of an episode whose records metrics read.
 
     Args:
-        source: source of the frames.
-        options: the environment's options.
-        frame: first frame of the episode.
+        episode: the episode, before its first report.
+        false_positives: the option of that name.
+        view: is told, too.
+
+    Attributes:
+        tracks: recorder of reported tracks.
     """
 
-    def __init__(self, source: FrameSource, options: CommonOptions, frame: Frame) -> None:
-        self._false_positives, self._region_m = options.false_positives, source.region_m
-        # Of a recording, an episode need not have all possible agents.
-        self._scorer = Scorer(tuple(frame.agents), options.match_iou, source.region_m)
-        self._drives = _DriveRecorder(frame, source.conflicts)
-        self._trusts: dict[str, TrustLog] = {}
-        liars = attacks_by_agent(options.attacks)
-        # Of the agents that are lied to: of all honest ones, where there is any attack.
-        self._deceptions = {name: DeceptionLog() for name in frame.agents if liars and name not in liars}
+    def __init__(self, episode: Episode, false_positives: FalsePositives, view: Recorder) -> None:
+        self._false_positives, self.tracks = false_positives, TrackRecorder()
+        read = {name: RECORDERS.get(name)() for name in recorders_read() if name != TRACKS}
+        self._recorders: dict[str, Recorder] = {TRACKS: self.tracks, **read}
+        self._told = (*self._recorders.values(), view)
+        for each in self._told:
+            each.begin(episode)
+
+    def on_report(self, episode: Episode) -> None:
+        """Tell the recorders of a report."""
+        for each in self._told:
+            each.on_report(episode)
+
+    def on_step(self, episode: Episode) -> None:
+        """Tell the recorders of a step."""
+        for each in self._told:
+            each.on_step(episode)
 
     @property
-    def logs(self) -> dict[str, TrackLog]:
-        """Reported tracks and ground truth, by agent."""
-        return {name: evaluator.log for name, evaluator in self._scorer.evaluators.items()}
-
-    @property
-    def drives(self) -> dict[str, DriveLog]:
-        """Logs of the drives, by driven agent."""
-        return self._drives.logs
-
-    def update(self, frame: Frame, tracks: Mapping[str, Tracks], lies: Sequence[Lie]) -> dict[str, FrameCounts]:
-        """Log the tracks that agents report for a frame, each in the agent's base frame, beside the frame's lies."""
-        region = None if self._region_m is None or not self._deceptions else np.array(self._region_m)
-        for name, log in self._deceptions.items():
-            if name in frame.agents:
-                agent = frame.agents[name]
-                log.append(lies, agent.body.world_SE3_base, agent.truth, tracks[name], region)
-        return self._scorer.update(frame.agents, tracks)
-
-    def note_drives(self, frame: Frame, tracks: Mapping[str, Tracks], after: Frame) -> None:
-        """Log how cars drove from a frame, with the tracks reported for it, to the frame `after` it."""
-        self._drives.update(frame, tracks, after)
-
-    def note_trust(self, agent: str, trust: Mapping[str, float], lies: Sequence[Lie], passes: int) -> None:
-        """Log an agent's trust in its senders in a frame with these lies; see `CooperativeEnv.note_trust`."""
-        self._trusts.setdefault(agent, TrustLog()).append(trust, lying_senders(lies), passes)
+    def records(self) -> dict[str, dict[str, Any]]:
+        """The records for metrics, by the recorder's name and by agent."""
+        return {name: dict(each.records()) for name, each in self._recorders.items()}
 
     def score(self, bytes_per_s: Callable[[str], float]) -> Score:
         """Return the episode's score so far, given a function of an agent to the bytes that it sends in a second.
@@ -74,40 +54,18 @@ class EpisodeScores:
         Raises:
             EpisodeStateError: nothing has been scored yet.
         """
-        logs = self.logs
+        records = self.records
+        logs = records.pop(TRACKS)
         if not any(len(log) for log in logs.values()):
             raise EpisodeStateError("nothing has been scored yet: call reset, then step")
         return Score.mean(
             {
-                name: summarize(
+                agent: summarize(
                     [log],
                     false_positives=self._false_positives,
-                    bytes_per_s=bytes_per_s(name),
-                    drives=[self.drives[name]] if name in self.drives else [],
-                    trusts=[self._trusts[name]] if name in self._trusts else [],
-                    deceptions=[self._deceptions[name]] if name in self._deceptions else [],
+                    bytes_per_s=bytes_per_s(agent),
+                    records={name: [kept[agent]] for name, kept in records.items() if agent in kept},
                 )
-                for name, log in logs.items()
+                for agent, log in logs.items()
             }
         )
-
-
-class _DriveRecorder:
-    """Logs of the drives of an episode, by driven agent; `conflicts` are ids of actors, see `FrameSource.conflicts`."""
-
-    def __init__(self, frame: Frame, conflicts: tuple[int, ...]) -> None:
-        self.logs = {name: DriveLog() for name, agent in frame.agents.items() if agent.car is not None}
-        self._conflicts = conflicts
-
-    def update(self, frame: Frame, tracks: Mapping[str, Tracks], after: Frame) -> None:
-        """Log a frame with the tracks reported for it; also the frame `after` it if that is the last."""
-        self._append(frame, tracks, {name: agent.command_m_s2 for name, agent in after.agents.items()})
-        if after.last:
-            self._append(after, {}, {})
-
-    def _append(self, frame: Frame, tracks: Mapping[str, Tracks], commands: Mapping[str, float]) -> None:
-        for name, log in self.logs.items():
-            agent, reported = frame.agents[name], tracks.get(name, Tracks.empty())
-            assert agent.car is not None
-            pose, command = stack_xyz_yaw(agent.body.world_SE3_base)[[0, 1, 3]], commands.get(name, math.nan)
-            log.append(DriveFrame(frame.time_ns, pose, agent.car, agent.truth, reported, command, self._conflicts))

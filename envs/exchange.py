@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import compress
 from operator import attrgetter
+from typing import TYPE_CHECKING, Any, cast
 
 from coopsim.comms.channel.channel import Channel
 from coopsim.comms.codecs.codec import CODECS
@@ -24,6 +25,9 @@ from coopsim.support.rng import stream
 from coopsim.types import AgentSpec, Message, Observation
 from coopsim.types.lies import Lie
 from coopsim.types.messages import MessagePart, Said
+
+if TYPE_CHECKING:
+    from coopsim.agents.policy import Policy
 
 
 class Exchange:
@@ -94,6 +98,11 @@ class Exchange:
             name: frozenset(compress(self._uplinks, each.ask)) for name, each in said.items() if each.ask is not None
         }
 
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Names of the agents that may lie; see `coopsim.episode.Episode`."""
+        return {"attackers": self._liars.names} if self._liars.names else {}
+
     def sent_bytes(self) -> dict[str, int]:
         """Return the bytes that each agent has broadcast since the last call."""
         before, self._counted = self._counted, {name: self.channel.broadcast_bytes(name) for name in self._uplinks}
@@ -139,9 +148,9 @@ class Exchange:
         return messages, {name: further for name, (_, further) in chosen.items() if further}
 
 
-def network_of(options: CommonOptions) -> object:
+def network_of(options: CommonOptions) -> Policy | None:
     """Return the policy that makes the messages, whose weights an attacker may know; None: no policy does."""
-    return options.uplink if hasattr(options.uplink, "make_uplink") else None
+    return cast("Policy", options.uplink) if hasattr(options.uplink, "make_uplink") else None
 
 
 def make_uplinks(

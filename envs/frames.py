@@ -6,7 +6,7 @@ import math
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -88,6 +88,10 @@ class Frame:
         """It is the last one because a driven car has crashed."""
         return self.last and self.end == "crash"
 
+    def without_probe(self) -> Frame:
+        """Return the frame without what it holds for measurements that cost time."""
+        return replace(self, probe=FrameProbe())
+
 
 class FrameSource(ABC):
     """The frames of an episode, one after another.
@@ -154,9 +158,9 @@ class FrameSource(ABC):
         return False
 
     @property
-    def conflicts(self) -> tuple[int, ...]:
-        """Ids of the actors that the running episode's situation sets on a collision course with the ego."""
-        return ()
+    def facts(self) -> Mapping[str, Any]:
+        """Facts of the running episode for recorders, by name; see `coopsim.episode.Episode`."""
+        return {}
 
     @property
     def reset_options(self) -> tuple[str, ...]:

@@ -16,12 +16,12 @@ import numpy as np
 from coopsim.agents.policy import Policy
 from coopsim.catalog import REWARDS, PolicySpec
 from coopsim.envs.frames import Frame
-from coopsim.envs.scorer import Scorer
 from coopsim.envs.simulated.planned_driving import PlannedDriving
+from coopsim.episode import policy_seed
 from coopsim.errors import InvalidValueError
 from coopsim.metrics.log_pool import LogPool
+from coopsim.metrics.scorer import Scorer
 from coopsim.support.checks import require_choice, require_non_negative
-from coopsim.support.rng import derived_seed
 from coopsim.types import AgentSpec, Observation
 from coopsim.types.driving import LARGEST_BRAKING_M_S2
 
@@ -132,7 +132,7 @@ class _Receivers:
 
     def __init__(self, reward: MessageGain, specs: Mapping[str, AgentSpec], scorer: Scorer, seed: int) -> None:
         self._metric, self._policy, self._scorer = reward.metric, reward.make_receiver(), scorer
-        self._policy.reset(specs, seed=derived_seed(seed, "policy"))
+        self._policy.reset(specs, seed=policy_seed(seed))
         self._driving = PlannedDriving(reward.planner, specs) if reward.metric == "braking" else None
         self._hota: dict[str, float] = {}
 

@@ -23,21 +23,20 @@ from pettingzoo import ParallelEnv
 
 from coopsim.comms.channel.channel import ChannelCounts
 from coopsim.envs.episode_scores import EpisodeScores
-from coopsim.envs.exchange import Exchange, make_uplinks, message_parts
-from coopsim.envs.frames import Frame, FrameProbe, FrameSource, actor_rows
+from coopsim.envs.exchange import Exchange, make_uplinks, message_parts, network_of
+from coopsim.envs.frames import Frame, FrameSource, actor_rows
 from coopsim.envs.infos import EpisodeInfos
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.rewards import RewardOption, total
 from coopsim.envs.scoring import Rewards, ScoredView
+from coopsim.episode import Episode, policy_seed
 from coopsim.errors import EpisodeStateError, InvalidValueError, RecordingError, UnknownNameError
-from coopsim.metrics.drive_log import DriveLog
 from coopsim.metrics.score import Score
 from coopsim.metrics.track_log import TrackLog
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import fresh_seed, require_seed
-from coopsim.types import NS_PER_S, AgentSpec, CameraImage, Tracks
+from coopsim.types import NS_PER_S, AgentSpec, CameraImage, Observation, Tracks
 from coopsim.types.driving import CarState
-from coopsim.types.lies import Lie
 from coopsim.types.messages import MOST_STRANGERS
 from coopsim.viz.bev import BevFrame
 from coopsim.wire.actions import action_spaces, idle, unpack_actions
@@ -102,17 +101,15 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._observation_spaces = {name: form.space(name) for name in source.specs}
         self._action_spaces = action_spaces(self.agent_specs, any_score=source.any_score)
         self.state_space = spaces.Box(-np.inf, np.inf, (source.capacity, 11), np.float64)
-        self._frame: Frame | None = None
-        self._seed: int | None = None
+        self._episode: Episode | None = None
         self._halfway = False  # a call began to change things and did not come to its end
         self._exchange: Exchange
         self._scores: EpisodeScores
         self._infos: EpisodeInfos
-        self._observations: dict[str, Packed] = {}
         self._view = ScoredView(options.render_tracks == "all")
 
     def __repr__(self) -> str:
-        episode = "no episode" if self._frame is None or self._seed is None else f"seed {self._seed}"
+        episode = "no episode" if self._episode is None else f"seed {self._episode.seed}"
         return f"<{type(self).__name__} {self._source.name}: agents {', '.join(self.possible_agents)}; {episode}>"
 
     @property
@@ -180,20 +177,20 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         known = self._source.known_options(options)
         before, self._halfway = self._halfway, True
         try:
-            self._frame = self._source.start(seed, known)
+            frame = self._source.start(seed, known)
         except (UnknownNameError, RecordingError):  # what was asked for is not there, and nothing has begun
             self._halfway = before
             raise
-        self._seed = seed
         source = self._source
         self._exchange = Exchange(self._options, source.specs, self.road_map.buildings, seed, source.driven)
-        self._scores = EpisodeScores(source, self._options, self._frame)
-        self.agents = list(self._frame.agents)
+        self.agents = list(frame.agents)
         self._rewards.begin(self.agent_specs, self._options.match_iou, source.region_m, seed)
-        self._view.begin(self.road_map, self._frame)
-        observations = self._observe(self._frame)
-        self._infos = EpisodeInfos(self._frame, self._options, staged=source.staged)
-        infos = self._infos.of_reset(self._frame, {"seed": seed, **source.episode_infos}, self._exchange.lies)
+        received, observations = self._observe(frame)
+        self._infos, lies = EpisodeInfos(frame, self._options, staged=source.staged), self._exchange.lies
+        infos = self._infos.of_reset(frame, {"seed": seed, **source.episode_infos}, lies)
+        facts, policy = {**source.facts, **self._exchange.facts}, network_of(self._options)
+        self._episode = Episode(self, seed, frame, received, observations, infos, lies, facts, policy)
+        self._scores = EpisodeScores(self._episode, self._options.false_positives, self._view)
         self._show_if_human()
         self._halfway = False
         return observations, infos
@@ -215,18 +212,21 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         any_score = self._source.any_score
         tracks, commands, said = unpack_actions(self.agents, actions, cars, self._parts, any_score=any_score)
         messages = self._exchange.compose(frame, said)
-        self._halfway = True
-        counts = self._scores.update(frame, tracks, self.lies)
-        over = self._frame = replace(frame, probe=FrameProbe())  # frees the scene that is over
-        self._view.update(over, tracks, self.lies)
+        self._halfway, episode = True, self.episode
+        episode.report(actions, tracks)
+        self._scores.on_report(episode)
+        counts = self._scores.tracks.counts
+        over = episode.frame = frame.without_probe()  # frees the scene that is over
         self._exchange.tell(over, messages, said)
-        self._frame = frame = self._source.advance(commands, tracks)
-        self._scores.note_drives(over, tracks, frame)
-        observations = self._observe(frame)
+        frame = self._source.advance(commands, tracks)
+        received, observations = self._observe(frame)
         self.agents = [] if frame.last else list(frame.agents)
         parts = self._rewards.of_step(counts, over, frame)
         rewards = {name: total(each) for name, each in parts.items()}
-        infos = self._infos.of_step(over, frame, counts, parts, self._exchange.lies)
+        lies = self._exchange.lies
+        infos = self._infos.of_step(over, frame, counts, parts, lies)
+        episode.go_on(frame, received, observations=observations, rewards=rewards, infos=infos, lies=lies)
+        self._scores.on_step(episode)
         self._show_if_human()
         crashed = dict.fromkeys(counts, frame.crashed)
         truncated = dict.fromkeys(counts, frame.last and not frame.crashed)
@@ -250,7 +250,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         if not self._options.expose_ground_truth:
             raise InvalidValueError("frames hold the truth: they need expose_ground_truth=True")
         require_seed(seed)
-        self._frame, self.agents, self._halfway = None, [], False
+        self._episode, self.agents, self._halfway = None, [], False
         idling = {name: idle(spec.command) for name, spec in self.agent_specs.items() if spec.drives}
         frame = self._source.start(seed, {} if sequence is None else {"sequence": sequence})
         yield frame
@@ -260,45 +260,50 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
     def score(self) -> Score:
         """Return the episode's score so far: each agent's and their mean."""
-        self._current()
+        self._require_episode()
         return self._scores.score(self.bytes_per_s)
+
+    @property
+    def episode(self) -> Episode:
+        """The running episode, as recorders see it."""
+        return self._require_episode()
+
+    @property
+    def policy_seed(self) -> int:
+        """Seed for `Policy.reset` in the running episode; it tells nothing of the world's random numbers."""
+        return policy_seed(self.episode.seed)
+
+    @property
+    def records(self) -> dict[str, dict[str, Any]]:
+        """Records of the episode for metrics, by the recorder's name and by agent: "drives" of driven cars, say."""
+        self._require_episode()
+        return self._scores.records
 
     @property
     def logs(self) -> dict[str, TrackLog]:
         """Reported tracks and ground truth, by agent; scores of many episodes pool these."""
-        self._current()
-        return self._scores.logs
-
-    def note_trust(self, agent: str, trust: Mapping[str, float], passes: int) -> None:
-        """Note an agent's trust in its senders in this frame, for metrics of finding those that lie.
-
-        Args:
-            agent: the receiver.
-            trust: its trust by sender, see `Policy.trust`.
-            passes: passes of the policy that its defence asked for.
-        """
-        self._scores.note_trust(agent, trust, self.lies, passes)
-
-    @property
-    def drives(self) -> dict[str, DriveLog]:
-        """Logs of the drives, by the agents whose cars a planner or the action drives."""
-        self._current()
-        return self._scores.drives
+        self._require_episode()
+        return self._scores.tracks.records()
 
     @property
     def cars(self) -> dict[str, CarState]:
         """States of the cars that a planner or the action drives, by agent: what their drivers know of them."""
-        return {name: agent.car for name, agent in self._current().agents.items() if agent.car is not None}
+        return {name: agent.car for name, agent in self.episode.frame.agents.items() if agent.car is not None}
 
     @property
     def time_ns(self) -> int:
         """Now, since the episode's start."""
-        return self._current().time_ns
+        return self.episode.frame.time_ns
 
     @property
     def road_map(self) -> RoadMap:
         """Outlines of the running episode's place for pictures, in the world frame."""
         return self._source.road_map
+
+    @property
+    def match_iou(self) -> float:
+        """3D IoU from which a track can be matched with an object."""
+        return self._options.match_iou
 
     @property
     def region_m(self) -> tuple[float, float] | None:
@@ -308,26 +313,20 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     @property
     def episode_infos(self) -> Mapping[str, Any]:
         """Facts of the running episode in all agents' infos, besides its seed: a drawn place's `place_seed`."""
-        self._current()
+        self._require_episode()
         return self._source.episode_infos
 
     @property
     def channel_counts(self) -> ChannelCounts:
         """Numbers of this episode's messages that were sent, delivered and lost, each counted for every other agent."""
-        self._current()
+        self._require_episode()
         return self._exchange.channel.counts
 
     @property
     def link_counts(self) -> Mapping[tuple[str, str], ChannelCounts]:
         """The same by link: sender and receiver. A link without a message so far is absent."""
-        self._current()
+        self._require_episode()
         return self._exchange.channel.link_counts
-
-    @property
-    def lies(self) -> tuple[Lie, ...]:
-        """The lies in the messages of the current frame, by the option `attacks`: for metrics, not for policies."""
-        self._current()
-        return self._exchange.lies
 
     def bytes_per_s(self, agent: str) -> float:
         """Return the bytes that an agent has broadcast per second of simulated time, envelopes included."""
@@ -339,7 +338,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
         For centralised training; rows beyond the last actor are zero.
         """
-        return actor_rows(self._current().actors, self._source.capacity)
+        return actor_rows(self.episode.frame.actors, self._source.capacity)
 
     def bev_frame(self, *, points: bool = True, agent: str | None = None) -> BevFrame:
         """Return the frame that was scored last, with the tracks reported for it, in the world frame.
@@ -348,7 +347,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             points: include the points of sweeps, which takes longer than the rest.
             agent: agent whose points are included; None: all.
         """
-        self._current()
+        self._require_episode()
         return self._view.bev_frame(points=points, agent=agent)
 
     def photograph(self) -> Mapping[str, Mapping[str, CameraImage]]:
@@ -356,7 +355,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
 
         By agent and camera; empty where there is nothing to photograph (a replay).
         """
-        return self._current().probe.photograph()
+        return self.episode.frame.probe.photograph()
 
     def render(self, ego: str | None = None) -> NDArray[np.uint8] | None:
         """Draw `bev_frame()` from above: (H, W, 3) uint8 for "rgb_array", a window for "human".
@@ -366,7 +365,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         if self.render_mode is None:
             warnings.warn("render() does nothing: the environment was made without a render_mode", stacklevel=2)
             return None
-        self._current()
+        self._require_episode()
         return self._view.render(self.render_mode, ego)
 
     def close(self) -> None:
@@ -374,26 +373,27 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         self._view.close()
         self._source.close()
 
-    def _current(self) -> Frame:
-        if self._frame is None:
+    def _require_episode(self) -> Episode:
+        if self._episode is None:
             raise EpisodeStateError("there is no episode yet: call reset first")
-        return self._frame
+        return self._episode
 
     def _running(self) -> Frame:
-        frame = self._current()
+        frame = self.episode.frame
         if self._halfway:
             raise EpisodeStateError("the last step or reset ended halfway in an error: call reset to begin an episode")
         if not self.agents:
             raise EpisodeStateError("the episode is over: call reset to begin another")
         return frame
 
-    def _observe(self, frame: Frame) -> dict[str, Packed]:
-        """Exchange messages, and return every agent's packed observation."""
-        # Kept until the next frame: memory freed at the end of the heap would be returned, and fetched page by page.
+    def _observe(self, frame: Frame) -> tuple[dict[str, Observation], dict[str, Packed]]:
+        """Exchange messages, and return every agent's observation, also packed."""
         received = self._exchange.step(frame)
-        self._observations = self._source.format.pack_all(received)
+        # The episode keeps them until the next frame: memory freed at the end of the heap would be returned, and
+        # fetched page by page.
+        observations = self._source.format.pack_all(received)
         self._rewards.hear(frame, received, self._exchange.sent_bytes)
-        return dict(self._observations)
+        return received, observations
 
     def _show_if_human(self) -> None:
         if self.render_mode == "human":

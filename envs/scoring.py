@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from coopsim.envs.frames import AgentFrame, Frame, world_points
 from coopsim.envs.message_gain import MessageGain, MessageGains
 from coopsim.envs.rewards import WHOLE, DriveReward, DriveStep, Reward, RewardOption, make_reward
+from coopsim.episode import Episode, Recorder
 from coopsim.errors import InvalidValueError
 from coopsim.metrics.evaluator import FrameCounts
 from coopsim.types import AgentSpec, Observation, Tracks
@@ -83,7 +84,7 @@ class Rewards:
         return self._reward.parts(DriveStep(counts, self._dt_s, before.car, after.car, moved))
 
 
-class ScoredView:
+class ScoredView(Recorder):
     """The frame that was scored last, and the tracks that were reported for it.
 
     `all_tracks`: pictures show the tracks of all agents, not of the ego alone.
@@ -97,14 +98,14 @@ class ScoredView:
         self._tracks: Mapping[str, Tracks]
         self._lies: Sequence[Lie] = ()
 
-    def begin(self, road_map: RoadMap, frame: Frame) -> None:
+    def begin(self, episode: Episode) -> None:
         """Begin an episode: take over the outlines of its place and its first frame, for which nothing is reported."""
-        self._road_map = road_map
-        self.update(frame, {}, ())
+        self._road_map = episode.env.road_map
+        self._frame, self._tracks, self._lies = episode.frame.without_probe(), {}, ()
 
-    def update(self, frame: Frame, tracks: Mapping[str, Tracks], lies: Sequence[Lie]) -> None:
-        """Take over a frame, the tracks reported for it, in each agent's base frame, and the lies in its messages."""
-        self._frame, self._tracks, self._lies = frame, tracks, lies
+    def on_report(self, episode: Episode) -> None:
+        """Take over a frame, the tracks reported for it, and the lies in its messages."""
+        self._frame, self._tracks, self._lies = episode.frame.without_probe(), episode.tracks, episode.lies
 
     def bev_frame(self, *, points: bool, agent: str | None = None, ego: str | None = None) -> BevFrame:
         """Return the frame with its tracks, in the world frame; it is about the `ego`, by default the first driven car.

@@ -19,7 +19,7 @@ from coopsim.envs.rewards import warn_of_tracking_reward
 from coopsim.envs.roles import Others, PolicyLike, Roles, make_provided
 from coopsim.errors import CoopsimError, EpisodeStateError, InvalidActionError, InvalidValueError
 from coopsim.support.checks import require_choice
-from coopsim.support.rng import derived_seed, require_seed
+from coopsim.support.rng import require_seed
 from coopsim.types import AgentSpec, Tracks
 from coopsim.viz.caption import with_caption
 from coopsim.wire.actions import MESSAGE, act_of, idle, pack_tracks, unpack_action
@@ -138,7 +138,7 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
         super().reset(seed=None if seed is None else of_episode)
         self._refusal = "the last reset ended halfway in an error: call reset to begin an episode"
         for policy, _ in self._groups:
-            policy.reset(self.parallel.agent_specs, seed=derived_seed(of_episode, "policy"))
+            policy.reset(self.parallel.agent_specs, seed=self.parallel.policy_seed)
         if self.ego not in observations:
             raise EpisodeStateError(f"{self.ego} is not in the episode's first frame: {sorted(observations)} are")
         self._observations, self._policies_actions, self._refusal = observations, None, None

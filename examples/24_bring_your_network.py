@@ -64,6 +64,6 @@ class MyNetwork(AB3DMOTTracking):
 
 if __name__ == "__main__":
     env = coopsim.parallel_env("crossing", uplink=(policy := MyNetwork()), lidar="HDL-32E", max_cycles=3)
-    result = coopsim.rollout(env, policy, seed=0)
-    print(f"{result.score['bytes_per_s']:.0f} bytes/s per agent, {result.messages.rejected} messages rejected")
+    coopsim.run_episode(env, policy, seed=0)
+    print(f"{env.score()['bytes_per_s']:.0f} bytes/s per agent, {policy.rejected.total()} messages rejected")
     # Its row: coopsim detect --policies no_fusion,examples/24_bring_your_network.py:MyNetwork --device auto

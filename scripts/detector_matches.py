@@ -28,9 +28,9 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.sensors.lidar.expected_returns import ReturnsEstimator
 from coopsim.sensors.lidar.lidar import LidarConfig
-from coopsim.types import AgentSpec, Detections, GroundTruth, Ints, Mask, SensorView, Tracks
+from coopsim.testing.harness import Idle
+from coopsim.types import AgentSpec, Detections, GroundTruth, Ints, Mask, SensorView
 from coopsim.types.taxonomy import CLASS_NAMES, ObjectClass
-from coopsim.wire.actions import pack_tracks
 from coopsim.world.snapshot import Actors
 
 AGENTS = ("ego", "1")
@@ -181,17 +181,14 @@ def simulate_matches(detector: str, environments: Sequence[str], seeds: Sequence
         watch = Watch(inner)
         env = coopsim.parallel_env(environment, detector=watch, lidar=None, uplink="none", **options)
         for seed in seeds:
-            env.reset(seed=seed)
-            idle = {name: {"tracks": pack_tracks(Tracks.empty())} for name in env.agents}
-            while env.agents:
-                env.step(idle)
+            coopsim.run_episode(env, Idle(), seed=seed)
             for k, seen in enumerate(zip(*watch.notes.values(), strict=True)):
                 visible = np.concatenate([truth.id[returns > 0] for returns, truth, _ in seen])
                 for agent, (returns, truth, found) in enumerate(seen):
                     kept = np.isin(truth.id, visible)
                     boxes = truth.boxes[kept]
                     matches.add(episode + agent, k, truth.id[kept], boxes, returns[kept], found)
-            episode += len(idle)
+            episode += len(watch.notes)
         env.close()
     return matches.close()
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 import coopsim
-from coopsim.agents.boxes import LateFusion
 from coopsim.comms.codecs.codec import decoder
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
@@ -31,21 +30,6 @@ EPISODE: dict[str, Any] = {"latency_s": 0.3, "loss": 0.3, "position_noise_m": 0.
 SEED, FIRST_FRAME, WINDOW_S, HALF_M = 4, 20, 1.5, 45.0
 HIDDEN_M, MOVED_M, NOBODY = 4.0, 1.5, -1
 OWN, SENT, MOVED, TRACK, TRUTH = "#4c78a8", "#f58518", "#e45756", "#2a9d5c", "#999999"
-
-
-@dataclass(kw_only=True, eq=False)
-class Watched(LateFusion):
-    """Late fusion that keeps what it was given and what it reported in the newest frame."""
-
-    def __post_init__(self) -> None:
-        self.seen: dict[str, Observation] = {}
-        self.tracks: dict[str, Tracks] = {}
-        super().__post_init__()
-
-    def track(self, agent: str, observation: Observation) -> Tracks:
-        self.seen[agent] = observation
-        self.tracks[agent] = super().track(agent, observation)
-        return self.tracks[agent]
 
 
 @dataclass(frozen=True)
@@ -70,29 +54,40 @@ class Scene:
 
 def find_scene() -> Scene:
     """Play the episode until a message tells its receiver of a moving object that it does not see."""
-    policy = Watched()
+    scenes, policy = Scenes(), coopsim.make_policy("late_fusion")
     env = coopsim.parallel_env("occluded_crossing", uplink=policy, expose_ground_truth=True, **EPISODE)
-    observations, infos = env.reset(seed=SEED)
-    policy.reset(env.agent_specs, seed=SEED)
-    past: dict[tuple[str, int], tuple[Observation, Any]] = {}
-    sends: dict[str, list[int]] = defaultdict(list)
-    arrivals: dict[str, dict[str, dict[int, int]]] = defaultdict(lambda: defaultdict(dict))
-    for frame in range(EPISODE["max_cycles"]):
-        actions = policy.act(observations)
-        for agent, seen in policy.seen.items():
-            past[agent, seen.time_ns] = seen, infos[agent]["ground_truth"]
-            sends[agent].append(seen.time_ns)
+    coopsim.run_episode(env, policy, [scenes], seed=SEED)
+    if scenes.first is None:
+        raise SystemExit("no message of this episode tells of a hidden object")
+    return scenes.first
+
+
+class Scenes(coopsim.Recorder):
+    """The first scene of an episode in which a message tells of a hidden object."""
+
+    def __init__(self) -> None:
+        self.first: Scene | None = None
+        self._past: dict[tuple[str, int], tuple[Observation, Any]] = {}
+        self._sends: dict[str, list[int]] = defaultdict(list)
+        self._arrivals: dict[str, dict[str, dict[int, int]]] = defaultdict(lambda: defaultdict(dict))
+
+    def on_report(self, episode: coopsim.Episode) -> None:
+        if self.first is not None:
+            return
+        for agent, seen in episode.received.items():
+            self._past[agent, seen.time_ns] = seen, episode.infos[agent]["ground_truth"]
+            self._sends[agent].append(seen.time_ns)
             for message in seen.inbox:
-                arrivals[agent][message.sender][message.captured_ns] = seen.time_ns
-        for agent, seen in sorted(policy.seen.items()):
-            for message in seen.inbox if frame >= FIRST_FRAME and agent.startswith("cav") else ():
-                sent, then = past[message.sender, message.captured_ns]
-                truth = infos[agent]["ground_truth"]
-                scene = Scene(agent, message, seen, policy.tracks[agent], sent, truth, then, sends, arrivals[agent])
-                if told(scene) is not None:
-                    return scene
-        observations, _, _, _, infos = env.step(actions)
-    raise SystemExit("no message of this episode tells of a hidden object")
+                self._arrivals[agent][message.sender][message.captured_ns] = seen.time_ns
+        if episode.steps >= FIRST_FRAME:
+            self.first = next((each for each in self._scenes(episode) if told(each) is not None), None)
+
+    def _scenes(self, episode: coopsim.Episode) -> Iterator[Scene]:
+        for agent, seen in sorted(episode.received.items()):
+            truth, tracks = episode.infos[agent]["ground_truth"], episode.tracks[agent]
+            for message in seen.inbox if agent.startswith("cav") else ():
+                sent, then = self._past[message.sender, message.captured_ns]
+                yield Scene(agent, message, seen, tracks, sent, truth, then, self._sends, self._arrivals[agent])
 
 
 def received(scene: Scene) -> Boxes3D:

@@ -72,11 +72,7 @@ GROUND = flat_part("ground", [rectangle((-500.0, 500.0), (-500.0, 500.0))], 0.0,
 def draw_scenario(name: str, folder: Path) -> None:
     """Draw a scenario from above, with a drone, in few colours to keep the file small."""
     env = coopsim.parallel_env(name if name in SCENARIOS else f"{name}.yaml", drones=1, max_cycles=FRAMES + 1)
-    policy = coopsim.make_policy("late_fusion")
-    observations, _ = env.reset(seed=3)
-    policy.reset(env.agent_specs, seed=3)
-    for _ in range(FRAMES):
-        observations, *_ = env.step(policy.act(observations))
+    coopsim.run_episode(env, coopsim.make_policy("late_fusion"), seed=3, most_steps=FRAMES)
     picture = BevRenderer(env.road_map, 720, 540).draw(env.bev_frame())
     Image.fromarray(picture).quantize(32).save(folder / f"{name}.png", optimize=True)
 
@@ -114,10 +110,8 @@ def eyes(place: int, options: TownOptions = ANY, density: float = 1.0) -> Pictur
         max_cycles=2,
         expose_ground_truth=True,
     )
-    policy = coopsim.make_policy("no_fusion")
-    observations, _ = env.reset(seed=place)
-    policy.reset(env.agent_specs, seed=place)
-    observations, _, _, _, infos = env.step(policy.act(observations))
+    episode = coopsim.run_episode(env, coopsim.make_policy("no_fusion"), seed=place, most_steps=1)
+    observations, infos = episode.observations, episode.infos
     fine = observations["cav_0"]["cameras"]["front"]["rgb"].reshape(height, 2, width, 2, 3)
     sweep, instance = observations["cav_0"]["sweeps"]["lidar"], infos["cav_0"]["instances"]["lidar"]
     points = draw_points(sweep[:, :3].astype(np.float64), instance, POINTS_M, (height, height))

@@ -78,16 +78,22 @@ def measure(job: tuple[Crew, int], *, seconds: int) -> Values:
         expose_visibility=True,
         **dict(crew.numbers),
     )
-    policy = coopsim.make_policy("no_fusion")
-    observations, infos = env.reset(seed=place)
-    policy.reset(env.agent_specs, seed=place)
-    frames = []
-    for _ in range(seconds):
-        observations, _, _, _, infos = env.step(policy.act(observations))
-        frames.append(dict(_frame(observations, infos)))
+    kept = Frames()
+    coopsim.run_episode(env, coopsim.make_policy("no_fusion"), [kept], seed=place)
     env.close()
+    frames = kept.frames
     names = dict.fromkeys(name for frame in frames for name in frame)
     return {name: _mean([frame[name] for frame in frames]) for name in names}
+
+
+class Frames(coopsim.Recorder):
+    """Values of each frame after a step."""
+
+    def __init__(self) -> None:
+        self.frames: list[dict[str, float]] = []
+
+    def on_step(self, episode: coopsim.Episode) -> None:
+        self.frames.append(dict(_frame(episode.observations, episode.infos)))
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -119,13 +119,12 @@ class Demo:
         film = Film(_POINTS_SHOWN if first else 0)
 
         def on_frame(env: CooperativeEnv) -> None:
-            film.add(env)
             if first and len(film.frames) == config.frames // 2 + 1:
                 self._images, self._images_ns = env.photograph(), env.time_ns
             tick()
 
-        options = self._options(latency_s)
-        evaluation = evaluate(policy, config.environment, seed=config.seed, on_frame=on_frame, **options)
+        options = self._options(latency_s) | {"on_frame": on_frame, "recorders": [film]}
+        evaluation = evaluate(policy, config.environment, seed=config.seed, **options)
         return DemoRun(policy, latency_s, evaluation, film)
 
     def _scene(self) -> Scene:

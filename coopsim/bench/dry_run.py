@@ -16,6 +16,7 @@ from coopsim.bench.grid.grid import Grid
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.store.fingerprint import Sources
 from coopsim.bench.store.store import CELLS, Store
+from coopsim.episode import Episode, Recorder
 from coopsim.errors import StoreError
 from coopsim.support.processes import cores
 
@@ -126,6 +127,16 @@ def _complete(
     return found, measured
 
 
+class _Clock(Recorder):
+    """Time at the end of each step."""
+
+    def __init__(self) -> None:
+        self.ends: list[float] = []
+
+    def on_step(self, episode: Episode) -> None:
+        self.ends.append(time.perf_counter())
+
+
 def _kind(job: Job) -> Kind:
     return job.cell.policy, job.cell.condition.scenario
 
@@ -135,9 +146,9 @@ def _seconds_of_cell(job: Job) -> float:
     frames = job.cell.frames
     if frames is None:
         return run_job(job).seconds
-    ends: list[float] = []
+    clock = _Clock()
     short = replace(job, cell=replace(job.cell, frames=min(frames, _TIMED_FRAMES)))
-    outcome = run_job(short, on_frame=lambda env: ends.append(time.perf_counter()))
+    outcome, ends = run_job(short, [clock]), clock.ends
     frame_s = (ends[-1] - ends[0]) / (len(ends) - 1) if len(ends) > 1 else 0.0
     return outcome.seconds + frame_s * max(frames - len(ends), 0)
 

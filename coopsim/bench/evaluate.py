@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+import warnings
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
@@ -18,8 +20,8 @@ from coopsim.errors import InvalidValueError, PolicyMismatchError, UnknownNameEr
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.evaluator import Evaluator
+from coopsim.metrics.recorders import TRACKS
 from coopsim.metrics.score import Score, summarize
-from coopsim.metrics.track_log import TrackLog
 from coopsim.support.checks import require_choice
 from coopsim.types import NS_PER_S, GroundTruth, Tracks
 
@@ -119,41 +121,33 @@ def evaluate(
     policy = _instance(policy)
     seed = usual_seed(environment) if seed is None else seed
     with closing(listening_env(environment, policy, options)) as env:
-        return rollout(env, policy, seed, on_frame=on_frame, recorders=recorders)
+        return _evaluate(env, policy, seed, _Progress(on_frame), recorders)
 
 
-def rollout(
-    env: CooperativeEnv,
-    policy: Policy | str,
-    seed: int | None = None,
-    *,
-    on_frame: OnFrame | None = None,
-    recorders: Sequence[Recorder] = (),
+def rollout(env: CooperativeEnv, policy: Policy | str, seed: int | None = None) -> Evaluation:
+    """Run a policy through one episode of an environment, which stays open. Use `coopsim.run_episode` instead."""
+    warnings.warn("coopsim.rollout will go: use coopsim.run_episode, then env.score()", DeprecationWarning, 2)
+    return _evaluate(env, _instance(policy), seed, _Progress(None), ())
+
+
+def _evaluate(
+    env: CooperativeEnv, policy: Policy, seed: int | None, progress: _Progress, recorders: Sequence[Recorder]
 ) -> Evaluation:
-    """Run a policy through one episode of an environment, which stays open.
-
-    The environment is reset before the policy, as the policy is told the agents of the episode.
-
-    Args:
-        env: an environment that broadcasts what the policy needs, as with the option `uplink=policy`.
-        policy: a policy, or a text for `PolicySpec`: its name with parameters, or the place of its class.
-        seed: decides everything in the episode; None: the environment's option `seed`, or 0.
-        on_frame: called after every step.
-        recorders: keep what they want of the episode.
-
-    Raises:
-        PolicyMismatchError: the environment does not provide what the policy needs.
-    """
-    policy = _instance(policy)
-    seed = (env.default_seed or 0) if seed is None else seed
-    rewards, seconds = _play(env, policy, recorders, on_frame, seed)
+    _warm_up()
+    episode = run_episode(env, policy, (*recorders, progress), seed=seed)
     # A policy with its own `act` may not count.
     rejected, counts = getattr(policy, "rejected", {}), getattr(policy, "counts", {})
-    messages = replace(env.channel_counts, rejected=sum(rejected.values()))
-    place_seed = env.episode_infos.get("place_seed")
-    told = policy.method, policy.needs.truth
     return Evaluation(
-        env.score(), rewards, len(rewards), seconds, messages, env.link_counts, place_seed, dict(counts), *told
+        env.score(),
+        np.array(progress.rewards),
+        len(progress.rewards),
+        episode.policy_s + episode.environment_s,
+        replace(env.channel_counts, rejected=sum(rejected.values())),
+        env.link_counts,
+        env.episode_infos.get("place_seed"),
+        dict(counts),
+        policy.method,
+        policy.needs.truth,
     )
 
 
@@ -184,27 +178,35 @@ def evaluate_recordings(
     """
     policy = _instance(policy)
     env = listening_env("replay", policy, replay_keywords(path, detections, options))
-    logs: dict[str, list[TrackLog]] = {agent: [] for agent in env.possible_agents}
-    sent_bytes, on_air_s = dict.fromkeys(logs, 0.0), dict.fromkeys(logs, 0.0)
+    _warm_up()
+    kept: dict[str, dict[str, list[Any]]] = {agent: defaultdict(list) for agent in env.possible_agents}
+    sent_bytes, on_air_s = dict.fromkeys(kept, 0.0), dict.fromkeys(kept, 0.0)
     dt_s = next(iter(env.agent_specs.values())).dt_s
     seconds, frames = 0.0, 0
     try:
         for sequence in env.sequences if sequences is None else sequences:
             require_choice("sequence", sequence, env.sequences)
-            rewards, spent = _play(env, policy, (), on_frame, seed, sequence=sequence)
+            episode = run_episode(env, policy, [_Progress(on_frame)], seed=seed, options={"sequence": sequence})
             episode_s = env.time_ns / NS_PER_S + dt_s
-            seconds, frames = seconds + spent, frames + len(rewards)
-            for agent, log in env.logs.items():  # of the sequence's own agents
-                logs[agent].append(log)
+            seconds, frames = seconds + episode.policy_s + episode.environment_s, frames + episode.steps
+            for name, records in env.records.items():
+                for agent, record in records.items():
+                    kept[agent][name].append(record)
+            for agent in env.logs:  # of the sequence's own agents
                 sent_bytes[agent] += env.bytes_per_s(agent) * episode_s
                 on_air_s[agent] += episode_s
     finally:
         env.close()
     started = time.perf_counter()
-    played = [agent for agent in logs if logs[agent]]
-    if not played:
+    if not frames:
         raise InvalidValueError("sequences must name at least one, got none")
-    count = Score.mean({each: summarize(logs[each], bytes_per_s=sent_bytes[each] / on_air_s[each]) for each in played})
+    count = Score.mean(
+        {
+            agent: summarize(records.pop(TRACKS), bytes_per_s=sent_bytes[agent] / on_air_s[agent], records=records)
+            for agent, records in kept.items()
+            if records
+        }
+    )
     ignore = count.ignoring_false_positives()
     seconds += time.perf_counter() - started
     return RecordingsEvaluation(count, ignore, frames, seconds, policy.method, policy.needs.truth)
@@ -226,21 +228,6 @@ class _Progress(Recorder):
         self.rewards.append(float(np.mean(list(episode.rewards.values()))))
         if self._on_frame is not None:
             self._on_frame(episode.env)
-
-
-def _play(
-    env: CooperativeEnv,
-    policy: Policy,
-    recorders: Sequence[Recorder],
-    on_frame: OnFrame | None,
-    seed: int,
-    **options: Any,
-) -> tuple[Floats, float]:
-    """Run an episode. Return the mean reward per frame (F,), and seconds of wall time."""
-    _warm_up()
-    progress = _Progress(on_frame)
-    episode = run_episode(env, policy, (*recorders, progress), seed=seed, options=options)
-    return np.array(progress.rewards), episode.policy_s + episode.environment_s
 
 
 def _warm_up() -> None:

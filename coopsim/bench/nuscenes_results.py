@@ -44,7 +44,6 @@ from coopsim.metrics.track_log import FlatLog, TrackLog
 from coopsim.support.files import locked, make_folder
 from coopsim.support.user_code import code_in
 from coopsim.types import GroundTruth, Ints, ObjectClass, Tracks
-from coopsim.wire.actions import unpack_actions
 
 if TYPE_CHECKING:
     from coopsim.envs.parallel import CooperativeEnv
@@ -113,13 +112,11 @@ class _ResultRecorder(Recorder):
 
     def on_report(self, episode: Episode) -> None:
         if episode.steps % self._every == 0:
-            # Not `env.agents`: in the last frame of an episode nobody is left to act.
-            tracks, _, _ = unpack_actions(list(episode.observations), dict(episode.actions), {})
             for agent in filter(self._writer.exports, episode.observations):
                 sample = sample_token(scene_name(self._name, agent), episode.steps)
                 x_to_yaw = episode.infos[agent]["true_pose"]
                 world_SE3_base = SE3.from_xyz_yaw(x_to_yaw[:3], float(x_to_yaw[3]))
-                reported = tracks[agent].transform(world_SE3_base)
+                reported = episode.tracks[agent].transform(world_SE3_base)
                 self._tracking.add(sample, _tracked(sample, reported))
                 self._detection.add(sample, _as_detections(sample, reported))
         if self._progress is not None:

@@ -27,6 +27,7 @@ def listing() -> dict[str, Callable[[], list[Entry]]]:
     from coopsim.data.export.export_format import EXPORT_FORMATS
     from coopsim.detection.detector import DETECTORS
     from coopsim.detection.embedder import EMBEDDERS
+    from coopsim.episode import RECORDERS
     from coopsim.interfaces.attack import ATTACKS
     from coopsim.interfaces.defense import DEFENSES
     from coopsim.interfaces.planner import PLANNERS
@@ -50,6 +51,7 @@ def listing() -> dict[str, Callable[[], list[Entry]]]:
         "attacks": partial(_registered, ATTACKS),
         "defenses": lambda: [_with_needs(entry, DEFENSES.get(entry["name"])) for entry in _registered(DEFENSES)],
         "metrics": _metrics,
+        "recorders": partial(_registered, RECORDERS),
         "rewards": partial(_registered, REWARDS),
         "protocols": partial(_registered, PROTOCOLS),
         "recordings": partial(_registered, RECORDINGS),

@@ -98,6 +98,11 @@ class LyingAgents:
             if name in observations:
                 liar.hear(observations[name].inbox)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the agents that may lie."""
+        return tuple(self._agents)
+
     def lies(self, world_SE3_base: Mapping[str, SE3]) -> tuple[Lie, ...]:
         """Return the lies of the frame, given the agents' true places."""
         return tuple(

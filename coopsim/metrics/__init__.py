@@ -10,7 +10,7 @@ from coopsim.metrics.drive_events import DriveEvents
 from coopsim.metrics.drive_log import Drive, DriveFrame, DriveLog
 from coopsim.metrics.evaluator import Evaluator, FrameCounts
 from coopsim.metrics.log_pool import LogPool
-from coopsim.metrics.metric import METRICS, Metric, SweepMetric
+from coopsim.metrics.metric import METRICS, Metric, PoolMetric, SweepMetric
 from coopsim.metrics.score import Score, summarize
 from coopsim.metrics.track_log import FlatLog, TrackLog
 
@@ -25,6 +25,7 @@ __all__ = [
     "FrameCounts",
     "LogPool",
     "Metric",
+    "PoolMetric",
     "Score",
     "SweepMetric",
     "TrackLog",

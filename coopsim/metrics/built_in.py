@@ -18,23 +18,10 @@ from coopsim.metrics.driving import DRIVING
 from coopsim.metrics.finding import FINDING
 from coopsim.metrics.log_pool import LogPool
 from coopsim.metrics.matching import NEAR_M
-from coopsim.metrics.metric import METRICS, Metric, SweepMetric
+from coopsim.metrics.metric import METRICS, Metric, PoolMetric, SweepMetric
 
 BYTES = "bytes_per_s"
 """Name of the metric of what an agent broadcasts."""
-
-
-@dataclass(frozen=True)
-class _PoolMetric(Metric):
-    of: Callable[[LogPool], float | None]
-    meaning: str
-    unit: str = "%"
-    form: str = ".1f"
-    less_is_better: bool = False
-    whole_only: bool = False
-
-    def value(self, pool: LogPool) -> float | None:
-        return self.of(pool)
 
 
 @dataclass(frozen=True)
@@ -83,9 +70,9 @@ def _count(name: str, meaning: str, less: bool = False) -> _ClearMetric:
     return _ClearMetric(attrgetter(name), meaning, "", less)
 
 
-def _whole(name: str, meaning: str) -> _PoolMetric:
+def _whole(name: str, meaning: str) -> PoolMetric:
     of = attrgetter(name)
-    return _PoolMetric(lambda pool: _if_any(pool.objects, 100 * of(pool)), meaning)
+    return PoolMetric(lambda pool: _if_any(pool.objects, 100 * of(pool)), meaning)
 
 
 _RECALL_AVERAGES = {
@@ -135,7 +122,7 @@ _NEAR = {
     "AssA": _whole("hota_near.ass_a", "AssA with matches by distance on the ground"),
     "LocA": _whole("hota_near.loc_a", "LocA with matches by distance on the ground"),
     "AMOTA": _whole("near_sweep.amota", "nuScenes' AMOTA: matches are centres less than 2 m apart"),
-    "AMOTP": _PoolMetric(
+    "AMOTP": PoolMetric(
         lambda pool: _if_any(pool.objects, pool.near_sweep.amotp),
         "nuScenes' AMOTP: mean distance of matches",
         "m",
@@ -154,13 +141,13 @@ def _precisions() -> dict[str, Metric]:
     for view, threshold in kinds:
         where = f"at {view} IoU {threshold:g}"
         kind = view, threshold
-        one[f"AP{view}@{threshold:g}"] = _PoolMetric(partial(_precision, kind), f"average precision {where}")
-        classes[f"mAP{view}@{threshold:g}"] = _PoolMetric(
+        one[f"AP{view}@{threshold:g}"] = PoolMetric(partial(_precision, kind), f"average precision {where}")
+        classes[f"mAP{view}@{threshold:g}"] = PoolMetric(
             partial(_mean_precision, kind, "classes"),
             f"mean average precision {where}, over classes",
             whole_only=True,
         )
-        superclasses[f"mAP{view}_superclass@{threshold:g}"] = _PoolMetric(
+        superclasses[f"mAP{view}_superclass@{threshold:g}"] = PoolMetric(
             partial(_mean_precision, kind, "superclasses"),
             f"mean average precision {where}, over superclasses (DINO-CoDT, eq. 11)",
             whole_only=True,
@@ -183,7 +170,7 @@ BUILT_IN: Mapping[str, Metric] = {
     **_OVERLAP,
     **{f"{name}@{NEAR_M:g}m": metric for name, metric in _NEAR.items()},
     **_precisions(),
-    BYTES: _PoolMetric(
+    BYTES: PoolMetric(
         attrgetter("bytes_per_s"),
         "what an agent broadcasts, envelope included",
         "bytes/s",
@@ -232,6 +219,11 @@ def custom_metrics() -> dict[str, Metric]:
 
 _left_out: set[str] = set()
 """Names of metrics whose packages could not be imported in this process."""
+
+
+def recorders_read() -> tuple[str, ...]:
+    """Return the names of the recorders that registered metrics read."""
+    return tuple(dict.fromkeys(name for metric in all_metrics().values() for name in metric.recorders))
 
 
 def less_is_better(name: str) -> bool:

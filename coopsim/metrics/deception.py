@@ -4,24 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 from coopsim.metrics.deception_log import Deception, DeceptionLog
-from coopsim.metrics.log_pool import LogPool
-from coopsim.metrics.metric import Metric, mean_of_known
+from coopsim.metrics.metric import Metric, PoolMetric, mean_of_known
+
+_RECORDER = "deceptions"
 
 
-@dataclass(frozen=True)
-class _DeceptionMetric(Metric):
-    of: Callable[[Sequence[DeceptionLog]], float]
-    meaning: str
-    unit: str = "%"
-    form: str = ".1f"
-    less_is_better: bool = True
-    whole_only: bool = True
-
-    def value(self, pool: LogPool) -> float | None:
-        return self.of(pool.deceptions) if pool.deceptions else None
+def _metric(of: Callable[[Sequence[DeceptionLog]], float], meaning: str, unit: str = "%", less: bool = True) -> Metric:
+    """Return the metric that a function computes from the logs of lies."""
+    return PoolMetric(
+        lambda pool: of(pool.records[_RECORDER]), meaning, unit, ".1f", less, whole_only=True, recorders=(_RECORDER,)
+    )
 
 
 def _of_ghosts(of: Callable[[Deception], float]) -> Callable[[Sequence[DeceptionLog]], float]:
@@ -45,21 +39,21 @@ def _hidden(logs: Sequence[DeceptionLog]) -> float:
 
 
 DECEPTION: Mapping[str, Metric] = {
-    "ghosts_believed": _DeceptionMetric(
+    "ghosts_believed": _metric(
         _of_ghosts(lambda each: 100.0 * (each.believed > 0)), "claimed objects on which there ever is a track"
     ),
-    "ghost_frames": _DeceptionMetric(_ghost_frames, "frames of claimed objects with a track on them"),
-    "ghost_delay": _DeceptionMetric(
+    "ghost_frames": _metric(_ghost_frames, "frames of claimed objects with a track on them"),
+    "ghost_delay": _metric(
         _of_ghosts(lambda each: each.first if math.isfinite(each.first) else math.nan),
         "frames from the first claim of an object to the first track on it, where there is one",
         "frames",
-        less_is_better=False,
+        less=False,
     ),
-    "ghost_life": _DeceptionMetric(
+    "ghost_life": _metric(
         _of_ghosts(lambda each: each.longest or math.nan),
         "frames in succession with a track on a claimed object, where there is one",
         "frames",
     ),
-    "denied_lost": _DeceptionMetric(_hidden, "true objects denied by a lie on which there is no track"),
+    "denied_lost": _metric(_hidden, "true objects denied by a lie on which there is no track"),
 }
 """The metrics of attacks' success by name, in the order of tables."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from coopsim.episode import Episode, Recorder
 from coopsim.geometry.boxes import Boxes3D, in_region
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.types import GroundTruth, Mask, Tracks
@@ -91,3 +92,22 @@ def near(boxes: Boxes3D, others: Boxes3D) -> Mask:
     apart = boxes.center[:, None, :2] - others.center[None, :, :2]
     found: Mask = np.any(np.hypot(apart[..., 0], apart[..., 1]) <= NEAR_M, axis=1)
     return found
+
+
+class DeceptionRecorder(Recorder):
+    """Lies that honest agents are told, and what they believe of them, by agent; nothing where nobody may lie."""
+
+    def begin(self, episode: Episode) -> None:
+        liars = episode.facts.get("attackers", ())
+        self._logs = {name: DeceptionLog() for name in episode.frame.agents if liars and name not in liars}
+
+    def on_report(self, episode: Episode) -> None:
+        region_m = episode.env.region_m
+        region = None if region_m is None else np.array(region_m)
+        for name, log in self._logs.items():
+            agent = episode.frame.agents.get(name)
+            if agent is not None:
+                log.append(episode.lies, agent.body.world_SE3_base, agent.truth, episode.tracks[name], region)
+
+    def records(self) -> dict[str, DeceptionLog]:
+        return {name: log for name, log in self._logs.items() if log.ghosts or log.denied}

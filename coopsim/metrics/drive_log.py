@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from coopsim.episode import Episode, Recorder
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import freeze
-from coopsim.types import NS_PER_S, GroundTruth, Ints, Mask, Tracks
+from coopsim.types import NS_PER_S, GroundTruth, Ints, Mask, Tracks, stack_xyz_yaw
 from coopsim.types.driving import CarState
 
 _Small = NDArray[np.float32]
@@ -86,6 +87,35 @@ class DriveLog:
         if self._drive is None:
             self._drive = _unpacked(self._frames, self._size_m)
         return self._drive
+
+
+class DriveRecorder(Recorder):
+    """Logs of the drives, by the agents whose cars a planner or the action drives."""
+
+    def begin(self, episode: Episode) -> None:
+        self._logs = {name: DriveLog() for name, agent in episode.frame.agents.items() if agent.car is not None}
+        self._driven: dict[str, DriveFrame] = {}
+
+    def on_report(self, episode: Episode) -> None:
+        self._driven = {name: _driven(episode, name, episode.tracks[name]) for name in self._logs}
+
+    def on_step(self, episode: Episode) -> None:
+        frame = episode.frame
+        for name, log in self._logs.items():
+            log.append(replace(self._driven[name], command_m_s2=frame.agents[name].command_m_s2))
+            if frame.last:
+                log.append(_driven(episode, name, Tracks.empty()))
+
+    def records(self) -> dict[str, DriveLog]:
+        return {name: log for name, log in self._logs.items() if len(log)}
+
+
+def _driven(episode: Episode, name: str, tracks: Tracks) -> DriveFrame:
+    """Return a driven car in the newest frame, with tracks in its base frame."""
+    agent = episode.frame.agents[name]
+    assert agent.car is not None
+    pose, conflicts = stack_xyz_yaw(agent.body.world_SE3_base)[[0, 1, 3]], episode.facts.get("conflicts", ())
+    return DriveFrame(episode.frame.time_ns, pose, agent.car, agent.truth, tracks, conflict_ids=conflicts)
 
 
 class WayAhead(NamedTuple):

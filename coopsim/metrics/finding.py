@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.log_pool import LogPool
-from coopsim.metrics.metric import Metric
+from coopsim.metrics.metric import Metric, PoolMetric
 from coopsim.metrics.trust_log import LEAST_TRUST, TrustLog
 from coopsim.types import Mask
 
@@ -29,17 +27,16 @@ def area_under_curve(doubt: Floats, lies: Mask) -> float:
     return float((rank[lies].sum() - liars * (liars + 1) / 2) / (liars * honest))
 
 
-@dataclass(frozen=True)
-class _Finding(Metric):
-    of: Callable[[Sequence[TrustLog]], float]
-    meaning: str
-    unit: str = "%"
-    form: str = ".1f"
-    less_is_better: bool = False
-    whole_only: bool = True
+_RECORDER = "trust"
 
-    def value(self, pool: LogPool) -> float | None:
-        return self.of(pool.trusts) if pool.trusts else None
+
+def _metric(
+    of: Callable[[Sequence[TrustLog]], float], meaning: str, unit: str = "%", form: str = ".1f", less: bool = False
+) -> Metric:
+    """Return the metric that a function computes from the logs of trust."""
+    return PoolMetric(
+        lambda pool: of(pool.records[_RECORDER]), meaning, unit, form, less, whole_only=True, recorders=(_RECORDER,)
+    )
 
 
 def _columns(logs: Sequence[TrustLog]) -> tuple[Floats, Mask]:
@@ -74,15 +71,15 @@ def _passes(logs: Sequence[TrustLog]) -> float:
 
 
 FINDING: Mapping[str, Metric] = {
-    "attacker_TPR": _Finding(partial(_doubted, True), "frames of lying senders in which they are not believed"),
-    "attacker_FPR": _Finding(
-        partial(_doubted, False), "frames of honest senders in which they are not believed", less_is_better=True
+    "attacker_TPR": _metric(partial(_doubted, True), "frames of lying senders in which they are not believed"),
+    "attacker_FPR": _metric(
+        partial(_doubted, False), "frames of honest senders in which they are not believed", less=True
     ),
-    "attacker_AUC": _Finding(_curve, "chance that a lying sender is trusted less than an honest one"),
-    "attackers_found": _Finding(_found, "lying senders that were not believed at least once"),
-    "frames_until_found": _Finding(
+    "attacker_AUC": _metric(_curve, "chance that a lying sender is trusted less than an honest one"),
+    "attackers_found": _metric(_found, "lying senders that were not believed at least once"),
+    "frames_until_found": _metric(
         _until_found, "frames from the first lie until its sender is not believed, if ever", "frames", ".1f", True
     ),
-    "defense_passes": _Finding(_passes, "passes of the policy that a defense asks for in a frame", "", ".2f", True),
+    "defense_passes": _metric(_passes, "passes of the policy that a defense asks for in a frame", "", ".2f", True),
 }
 """The metrics of finding attackers by name, in the order of tables."""

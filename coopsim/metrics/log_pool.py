@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
+from types import MappingProxyType
+from typing import Any, TypeVar
 
 import numpy as np
 
 from coopsim.metrics.average_precision import AP_THRESHOLDS, average_precision
 from coopsim.metrics.clear import NearSweep, RecallSweep, sweep_near, sweep_recall
-from coopsim.metrics.deception_log import DeceptionLog
-from coopsim.metrics.drive_events import DriveEvents, find_events
-from coopsim.metrics.drive_log import DriveLog
 from coopsim.metrics.hota_idf1 import Hota, Identity, count_hota, count_identity
 from coopsim.metrics.matching import NumberedSequence
 from coopsim.metrics.track_log import FlatLog, TrackLog
-from coopsim.metrics.trust_log import TrustLog
 from coopsim.types.taxonomy import CLASS_NAMES, Superclass
+
+T = TypeVar("T")
 
 BANDS_M: Mapping[str, tuple[float, float]] = {"0-30 m": (0, 30), "30-50 m": (30, 50), "50-100 m": (50, 100)}
 """Bands of distance from the reporting agent on the ground; the upper end belongs to the next band."""
+
+
+class _Records(dict[str, tuple[Any, ...]]):
+    """Records by the recorder's name; none of a recorder that kept nothing."""
+
+    def __missing__(self, name: str) -> tuple[Any, ...]:
+        return ()
 
 
 class LogPool:
@@ -29,9 +36,8 @@ class LogPool:
         logs: one per sequence, with the pairs of an object and a track of one class.
         superclass_logs: logs with the pairs of one superclass; None: those of `logs`.
         bytes_per_s: bytes that the agent broadcasts per second; None: not known.
-        drives: logs of drives, one per sequence in which the agent's car was driven by its policy.
-        trusts: logs of the agent's trust in its senders, one per sequence with a defence.
-        deceptions: logs of the lies that the agent was told, one per sequence with any.
+        records: further records of the agent by the recorder's name, one per sequence in which it kept any. Of another
+            name there are none: `pool.records["drives"]` is empty where no car was driven.
     """
 
     def __init__(
@@ -39,34 +45,31 @@ class LogPool:
         logs: Iterable[FlatLog],
         superclass_logs: Iterable[FlatLog] | None = None,
         bytes_per_s: float | None = None,
-        drives: Iterable[DriveLog] = (),
-        trusts: Iterable[TrustLog] = (),
-        deceptions: Iterable[DeceptionLog] = (),
+        records: Mapping[str, Sequence[Any]] = MappingProxyType({}),
     ) -> None:
         self.logs: Sequence[FlatLog] = tuple(logs)
         self.superclass_logs = self.logs if superclass_logs is None else tuple(superclass_logs)
         self.bytes_per_s = bytes_per_s
-        self.drives: Sequence[DriveLog] = tuple(log for log in drives if len(log))
-        self.trusts: Sequence[TrustLog] = tuple(log for log in trusts if log.frames)
-        self.deceptions: Sequence[DeceptionLog] = tuple(log for log in deceptions if log.ghosts or log.denied)
+        self.records: Mapping[str, Sequence[Any]] = _Records({name: tuple(each) for name, each in records.items()})
+        self._shared: dict[Callable[[LogPool], Any], Any] = {}
 
     @classmethod
     def of(
         cls,
         logs: Iterable[TrackLog],
         bytes_per_s: float | None = None,
-        drives: Iterable[DriveLog] = (),
-        trusts: Iterable[TrustLog] = (),
-        deceptions: Iterable[DeceptionLog] = (),
+        records: Mapping[str, Sequence[Any]] = MappingProxyType({}),
     ) -> LogPool:
-        """Pool the logs of evaluators, and those of drives, of trust and of lies."""
+        """Pool the logs of evaluators, and further records."""
         pools = [log.flat() for log in logs]
-        return cls([pool.by_class() for pool in pools], pools, bytes_per_s, drives, trusts, deceptions)
+        return cls([pool.by_class() for pool in pools], pools, bytes_per_s, records)
 
-    @cached_property
-    def drive_events(self) -> tuple[DriveEvents, ...]:
-        """Crashes, brakes and near misses of each drive."""
-        return tuple(find_events(log.drive) for log in self.drives)
+    def shared(self, compute: Callable[[LogPool], T]) -> T:
+        """Return what a function computes from this pool, once for all the metrics that ask for it."""
+        if compute not in self._shared:
+            self._shared[compute] = compute(self)
+        found: T = self._shared[compute]
+        return found
 
     @cached_property
     def objects(self) -> int:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -41,6 +42,8 @@ class Metric(ABC):
         whole_only: compute the value for a whole score only, not for its classes, superclasses and bands of distance.
         yes_no: True if the value of one episode is 100 for yes and 0 for no, so that its mean is a rate, and statistics
             are those of rates.
+        recorders: names of the recorders that keep what the metric reads in `pool.records`, see
+            `coopsim.episode.RECORDERS`; the tracks of `pool.logs` need none.
     """
 
     meaning: str = ""
@@ -49,6 +52,7 @@ class Metric(ABC):
     less_is_better: bool = False
     whole_only: bool = False
     yes_no: bool = False
+    recorders: tuple[str, ...] = ()
 
     @property
     def definition(self) -> str:
@@ -66,6 +70,23 @@ class Metric(ABC):
             A number, or None where these logs do not have the metric. NaN means undefined: a dash in tables, and left
             out of means.
         """
+
+
+@dataclass(frozen=True)
+class PoolMetric(Metric):
+    """A metric that a function computes from the pool; None where a recorder of it kept nothing."""
+
+    of: Callable[[LogPool], float | None]
+    meaning: str
+    unit: str = "%"
+    form: str = ".1f"
+    less_is_better: bool = False
+    whole_only: bool = False
+    yes_no: bool = False
+    recorders: tuple[str, ...] = ()
+
+    def value(self, pool: LogPool) -> float | None:
+        return self.of(pool) if all(pool.records[name] for name in self.recorders) else None
 
 
 class SweepMetric(Metric):

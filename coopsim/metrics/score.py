@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -13,13 +14,10 @@ from tabulate import tabulate
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.metrics.built_in import BUILT_IN, all_metrics, clear_values, custom_metrics
 from coopsim.metrics.clear import RecallSweep
-from coopsim.metrics.deception_log import DeceptionLog
-from coopsim.metrics.drive_log import DriveLog
 from coopsim.metrics.driving import DRIVING_SHOWN
 from coopsim.metrics.log_pool import LogPool
 from coopsim.metrics.metric import PRIMARY_METRIC, SweepMetric
 from coopsim.metrics.track_log import FlatLog, TrackLog
-from coopsim.metrics.trust_log import TrustLog
 from coopsim.support.checks import require_choice
 from coopsim.types.taxonomy import Superclass
 
@@ -153,9 +151,7 @@ def summarize(
     *,
     false_positives: FalsePositives = "count",
     bytes_per_s: float | None = None,
-    drives: Sequence[DriveLog] = (),
-    trusts: Sequence[TrustLog] = (),
-    deceptions: Sequence[DeceptionLog] = (),
+    records: Mapping[str, Sequence[Any]] = MappingProxyType({}),
 ) -> Score:
     """Score one agent over any number of sequences, pooled, by every registered metric.
 
@@ -164,16 +160,14 @@ def summarize(
         false_positives: "count", or "ignore": an unmatched track costs nothing. Published V2V4Real tables
             ignore them, because their script drops unmatched boxes that are low in an image which does not exist.
         bytes_per_s: broadcast by the agent per second; None: the score has no such value.
-        drives: one per sequence in which the agent's car was driven by its policy; empty: the score has no values of
-            driving.
-        trusts: one per sequence in which the agent had a defence; empty: the score has no values of finding attackers.
-        deceptions: one per sequence in which the agent was told lies; empty: the score has no values of attacks.
+        records: further records of the agent by the recorder's name, one per sequence in which it kept any: "drives",
+            "trust", "deceptions", and others that metrics read. Without them the score lacks those metrics.
 
     Raises:
         UnknownNameError: `false_positives` is neither "count" nor "ignore".
     """
     require_choice("false_positives", false_positives, ("count", "ignore"))
-    pool = LogPool.of(logs, bytes_per_s, drives, trusts, deceptions)
+    pool = LogPool.of(logs, bytes_per_s, records)
     parts: dict[str, Any] = {
         name: {child: _score(part) for child, part in getattr(pool, name).items()} for name in _PARTS
     }

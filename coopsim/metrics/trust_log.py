@@ -6,6 +6,9 @@ import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
+from coopsim.episode import Episode, Recorder
+from coopsim.types.lies import lying_senders
+
 LEAST_TRUST = 0.5
 """Trust below which a sender counts as found: policies then believe it no more, see `coopsim.defenses`."""
 
@@ -43,3 +46,18 @@ class TrustLog:
                     self.found_after[name] = min(self.found_after[name], self.frames - self._first[name])
         self.frames += 1
         self.passes += passes
+
+
+class TrustRecorder(Recorder):
+    """Trust of each agent in its senders, as the policy that acts judges them; nothing without a defence."""
+
+    def begin(self, episode: Episode) -> None:
+        self._logs: dict[str, TrustLog] = {}
+
+    def on_report(self, episode: Episode) -> None:
+        judge = getattr(episode.policy, "judgements", None)  # a policy with its own `act` may have none
+        for agent, (trust, passes) in ({} if judge is None else judge(episode.env.agents)).items():
+            self._logs.setdefault(agent, TrustLog()).append(trust, lying_senders(episode.lies), passes)
+
+    def records(self) -> dict[str, TrustLog]:
+        return dict(self._logs)

@@ -14,7 +14,6 @@ from coopsim.interfaces.attack import KNOWLEDGE, Attack, contents_of, hooks_of, 
 from coopsim.testing.harness import SMALL, digest, name_of
 from coopsim.types import NS_PER_S, Message, Observation
 from coopsim.types.lies import Lie
-from coopsim.wire.observation_format import ObservationFormat
 
 _LIAR, _RECEIVER, _FRAMES, _SEED, _START_S = "cav_1", "cav_0", 6, 3, 0.2
 
@@ -123,7 +122,6 @@ class _Seen(Recorder):
         self.frames: list[_Frame] = []
 
     def begin(self, episode: Episode) -> None:
-        form = ObservationFormat.to_unpack(episode.env.agent_specs)
-        self.frames.append((form.unpack_all(episode.observations), episode.env.lies))
+        self.frames.append((episode.received, episode.lies))
 
     on_step = begin

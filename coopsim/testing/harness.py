@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
 
+import coopsim
 from coopsim.catalog import parallel_env
 from coopsim.detection.detector import SensorNeeds
 from coopsim.detection.oracle import Oracle, OracleDetector
 from coopsim.detection.simulated.simulated import SimulatedDetector
-from coopsim.types import AgentSpec, CameraImage, Detections, SensorView, Sweep, Tracks
-from coopsim.wire.actions import pack_tracks
+from coopsim.episode import run_episode
+from coopsim.types import AgentSpec, CameraImage, Detections, Observation, SensorView, Sweep, Tracks
 
 SMALL: Mapping[str, Any] = {"vehicles": 10, "lidar_columns": 256, "lidar": "VLP-16"}
 """Options of the small environment."""
@@ -84,13 +85,19 @@ def sensor_frames(needs: SensorNeeds, frames: int, seed: int, options: Mapping[s
     )
 
 
+class Idle(coopsim.Policy):
+    """A policy that hears nobody and reports nothing."""
+
+    needs = coopsim.Needs(uplink="none")
+
+    def track(self, agent: str, observation: Observation) -> Tracks:
+        return Tracks.empty()
+
+
 def run_small(options: Mapping[str, Any], frames: int, seed: int) -> Mapping[str, AgentSpec]:
     """Run the small environment for a few frames, in which nothing is reported. Return its agents."""
-    env = parallel_env("crossing", **{**SMALL, **options, "max_cycles": frames})
-    env.reset(seed=seed)
-    for _ in range(frames - 1):
-        env.step({agent: {"tracks": pack_tracks(Tracks.empty())} for agent in env.agents})
-    env.close()
+    with closing(parallel_env("crossing", **{**SMALL, **options, "max_cycles": frames})) as env:
+        run_episode(env, Idle(), seed=seed, most_steps=frames - 1)
     return env.agent_specs
 
 

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from contextlib import closing
 
 import numpy as np
 
+from coopsim.catalog import make_policy, parallel_env
+from coopsim.episode import RECORDERS, run_episode
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.metrics.drive_log import DriveFrame, DriveLog
 from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.log_pool import LogPool
 from coopsim.metrics.metric import METRICS, Metric
+from coopsim.testing.harness import SMALL
 from coopsim.types import NS_PER_S, GroundTruth, Tracks
 from coopsim.types.driving import CarState, Route
 
@@ -20,16 +24,17 @@ _FRAMES = 12
 def check_metric(metric: str | Metric | type[Metric]) -> None:
     """Check that a metric keeps what scores, tables and reports rely on.
 
-    It must be described in one line; give a number or None for any log, an empty one included, with a drive beside it;
-    give the same value again, whatever numbers identify objects and tracks; leave the logs as they are; and not call
-    tracks that are all false better than tracks that are all right.
+    It must be described in one line; give a number or None for any log, an empty one included, with a drive beside it,
+    and for each agent of a small episode with the recorders that it names; give the same value again, whatever numbers
+    identify objects and tracks; leave the logs as they are; and not call tracks that are all false better than tracks
+    that are all right.
 
     Args:
         metric: a registered name, a class or an object.
 
     Raises:
         AssertionError: a check failed; the message names it.
-        UnknownNameError: no metric of that name is registered.
+        UnknownNameError: no metric of that name is registered, or no recorder of a name that it names.
     """
     entry = METRICS.get(metric) if isinstance(metric, str) else metric
     made = entry() if isinstance(entry, type) else entry
@@ -37,6 +42,8 @@ def check_metric(metric: str | Metric | type[Metric]) -> None:
     assert isinstance(made, Metric), f"{name} must be a coopsim.metrics.Metric, got {made!r}"
     assert made.meaning and "\n" not in made.meaning, f"{name}: `meaning` must be one line, got {made.meaning!r}"
     assert format(12.345, made.form), f"{name}: `form` must be a format of numbers, got {made.form!r}"
+    for pool in _small_episode(made.recorders):
+        _number(made, name, pool)
     right = _value(made, name, _log(shift_m=0.0))
     again = _value(made, name, _log(shift_m=0.0))
     assert _close(right, again), f"{name} must give the same value for the same log"
@@ -54,17 +61,37 @@ def check_metric(metric: str | Metric | type[Metric]) -> None:
 
 
 def _value(metric: Metric, name: str, evaluator: Evaluator, first_id: int = 1) -> float | None:
-    pool = LogPool.of([evaluator.log], bytes_per_s=100.0, drives=[_drive(first_id)])
+    pool = LogPool.of([evaluator.log], bytes_per_s=100.0, records={"drives": [_drive(first_id)]})
     before = LogPool.of([evaluator.log])
-    value = metric.value(pool)
-    assert value is None or isinstance(value, (int, float, np.number)), (
-        f"{name} must be a number or None, got {value!r}"
-    )
+    value = _number(metric, name, pool)
     for log, untouched in zip(pool.logs, before.logs, strict=True):
         for column in untouched.__dataclass_fields__:
             same = np.array_equal(getattr(log, column), getattr(untouched, column))
             assert same, f"{name} must leave the logs as they are, and changed {column}"
+    return value
+
+
+def _number(metric: Metric, name: str, pool: LogPool) -> float | None:
+    value = metric.value(pool)
+    assert value is None or isinstance(value, (int, float, np.number)), (
+        f"{name} must be a number or None, got {value!r}"
+    )
     return None if value is None else float(value)
+
+
+def _small_episode(recorders: tuple[str, ...]) -> list[LogPool]:
+    """Run a small episode with these recorders, and return the pool of each agent; none if they are the library's."""
+    kept = {name: RECORDERS.get(name)() for name in recorders}
+    if all(type(recorder).__module__.startswith("coopsim.") for recorder in kept.values()):
+        return []
+    policy = make_policy("late_fusion")
+    with closing(parallel_env("crossing", **{**SMALL, "lidar": None, "max_cycles": 4, "uplink": policy})) as env:
+        run_episode(env, policy, tuple(kept.values()), seed=3)
+        records = {name: recorder.records() for name, recorder in kept.items()}
+        return [
+            LogPool.of([log], records={name: [each[agent]] for name, each in records.items() if agent in each})
+            for agent, log in env.logs.items()
+        ]
 
 
 def _log(shift_m: float = 0.0, first_id: int = 1, objects: int = 3, tracks: int = 3, gaps: bool = True) -> Evaluator:

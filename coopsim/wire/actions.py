@@ -212,6 +212,17 @@ def _require_scores(score: Floats) -> None:
         raise InvalidActionError(f"track score must be in [{SCORES[0]:g}, {SCORES[1]:g}], got {wrong:g}")
 
 
+def tracks_of(actions: Mapping[str, Any]) -> dict[str, Tracks]:
+    """Return the tracks in the actions of agents, checked and copied, whatever their scores.
+
+    Raises:
+        InvalidActionError: tracks are malformed; the message names the agent.
+    """
+    return {
+        name: unpack_action(name, {"tracks": action["tracks"]}, any_score=True)[0] for name, action in actions.items()
+    }
+
+
 class _Acts(Protocol):
     """Part of a policy that `act_of` needs."""
 

@@ -102,9 +102,9 @@ class Simulation(FrameSource):
         return {} if place_seed is None else {"place_seed": place_seed}
 
     @property
-    def conflicts(self) -> tuple[int, ...]:
-        """Ids of the actors that the script names as conflicting; see `FrameSource.conflicts`."""
-        return self._conflicts
+    def facts(self) -> dict[str, Any]:
+        """Ids of the actors that the script names as conflicting; see `FrameSource.facts`."""
+        return {"conflicts": self._conflicts} if self._conflicts else {}
 
     def close(self) -> None:
         """Release the renderer's resources."""

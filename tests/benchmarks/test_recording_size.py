@@ -48,7 +48,7 @@ def test_cost_of_visibility() -> None:
         stepper.step()
         for kind, spent in spent_ms.items():
             began = time.perf_counter()
-            getattr(env._frame.probe, kind)()
+            getattr(env.episode.frame.probe, kind)()
             spent.append((time.perf_counter() - began) * 1000 / len(env.possible_agents))
     for kind, spent in spent_ms.items():
         print(f"\n{kind}: {np.median(spent):.0f} ms per agent and frame, at least {min(spent):.0f}")

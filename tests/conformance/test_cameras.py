@@ -117,7 +117,7 @@ def test_calibrations_are_of_the_running_episode(make_small: Make) -> None:
     for seed in range(6):
         env.reset(seed=seed)
         height_m = float(env.agent_specs["cav_0"].cameras["front"].base_SE3_camera.translation[2])
-        assert height_m == pytest.approx(env._frame.agents["cav_0"].body.height_m + 0.15)
+        assert height_m == pytest.approx(env.episode.frame.agents["cav_0"].body.height_m + 0.15)
         heights.add(height_m)
     assert len(heights) > 1
 

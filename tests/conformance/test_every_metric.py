@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from coopsim.episode import RECORDERS, Episode, Recorder
 from coopsim.errors import UnknownNameError
 from coopsim.metrics import METRICS, LogPool, Metric
 from coopsim.testing import check_metric
@@ -55,7 +56,7 @@ class ReadsIds(Good):
 
 class ReadsDriveIds(Good):
     def value(self, pool: LogPool) -> float | None:
-        return float(sum(log.drive.ids.sum() for log in pool.drives))
+        return float(sum(log.drive.ids.sum() for log in pool.records["drives"]))
 
 
 class Divides(Good):
@@ -73,6 +74,35 @@ class Changes(Good):
 class WrongWay(Good):
     def value(self, pool: LogPool) -> float | None:
         return pool.sweep.all_tracks.mota
+
+
+class Heard(Recorder):
+    def begin(self, episode: Episode) -> None:
+        self.heard = {agent: len(seen.inbox) for agent, seen in episode.received.items()}
+
+    def records(self) -> dict[str, int]:
+        return self.heard
+
+
+class Hears(Good):
+    recorders = ("heard",)
+
+    def value(self, pool: LogPool) -> Any:
+        return pool.records["heard"][0] if pool.records["heard"] else None
+
+
+class HearsWords(Hears):
+    def value(self, pool: LogPool) -> Any:
+        return "all" if pool.records["heard"] else None
+
+
+def test_a_metric_is_checked_with_the_recorders_that_it_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(UnknownNameError, match="unknown recorder 'heard'"):
+        check_metric(Hears)
+    monkeypatch.setitem(RECORDERS._entries, "heard", Heard)
+    check_metric(Hears)
+    with pytest.raises(AssertionError, match="must be a number or None, got 'all'"):
+        check_metric(HearsWords)
 
 
 @pytest.mark.parametrize(

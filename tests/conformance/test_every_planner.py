@@ -118,7 +118,7 @@ def test_a_planner_in_a_file_is_found_by_its_place(tmp_path: Path) -> None:
     policy.reset(env.agent_specs)
     while env.agents:
         observations, *_ = env.step(policy.act(observations))
-    assert env.drives["cav_0"].drive.speed_m_s[-1] == 0
+    assert env.records["drives"]["cav_0"].drive.speed_m_s[-1] == 0
     for place, error, match in (
         (f"{path}:Min", UnknownNameError, "planner 'Min'.*Mine"),
         (f"{path}:Other", InvalidValueError, "derived from coopsim.Planner"),

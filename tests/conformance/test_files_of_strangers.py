@@ -69,7 +69,7 @@ def test_a_report_writes_no_file_that_results_name(tmp_path: Path) -> None:
     assert main(["report", str(tmp_path / "theirs"), "--clips", "1"]) == 0
     assert victim.read_text() == "mine"
     assert "must not say which file to write" in (tmp_path / "theirs" / "report.html").read_text()
-    rerun = make_rerun({"record": str(victim)})(Cell("no_fusion", Condition(), 0, 2), lambda env: None)
+    rerun = make_rerun({"record": str(victim)})(Cell("no_fusion", Condition(), 0, 2))
     assert rerun.failed and victim.read_text() == "mine"
 
 
@@ -156,7 +156,7 @@ def test_results_run_no_planner_attack_or_defence_of_strangers() -> None:
         (Cell("no_fusion", Condition(attacks="cav_1=mine.py:A"), 0, 2), {}),
         (Cell("late_fusion(defense='mine.py:D')", Condition(), 0, 2), {}),
     ):
-        result = make_rerun(options)(cell, lambda env: None)
+        result = make_rerun(options)(cell)
         assert result.traceback is not None and "which is run only with --trust" in result.traceback
 
 

@@ -153,7 +153,7 @@ class Twin(coopsim.Policy):
         made = {agent: self.track(agent, each) for agent, each in observations.items()}
         nothing = coopsim.make_policy("no_fusion")
         nothing.reset(self._twin.agent_specs)
-        *_, self._infos = self._twin.step(nothing.act(self._twin._observations))
+        *_, self._infos = self._twin.step(nothing.act(self._twin.episode.observations))
         return made
 
     def track(self, agent: str, observation: Observation) -> Tracks:

@@ -82,4 +82,4 @@ def _around(things: Sequence[Thing], t: float, x: float) -> tuple[GroundTruth, T
 
 def scored(*drives: DriveLog) -> Mapping[str, float]:
     """Return the values of a score with these drives."""
-    return summarize([Evaluator().log], drives=drives).values
+    return summarize([Evaluator().log], records={"drives": drives}).values

@@ -65,7 +65,7 @@ def _play(attack: str | None, policy: str, lidar: str | None, seed: int) -> list
     made.reset(env.agent_specs, seed=seed)
     found = []
     while env.agents:
-        lies, told = env.lies, infos[VICTIM]
+        lies, told = env.episode.lies, infos[VICTIM]
         actions = made.act(packed)
         detections = getattr(made, "detections", lambda agent: Detections.empty())(VICTIM)
         found.append(_frame(told, actions[VICTIM]["tracks"], detections, lies))

@@ -32,14 +32,14 @@ class Episode:
         packed, infos = env.reset(seed=3)
         tracker.reset(env.agent_specs, seed=3)
         self.seen: list[dict[str, Observation]] = [form.unpack_all(packed)]
-        self.infos, self.lies = [infos], [env.lies]
+        self.infos, self.lies = [infos], [env.episode.lies]
         self.reports: list[dict[str, Any]] = []
         while env.agents:
             self.reports.append(tracker.act(packed))
             packed, _, _, _, infos = env.step(self.reports[-1])
             self.seen.append(form.unpack_all(packed))
             self.infos.append(infos)
-            self.lies.append(env.lies)
+            self.lies.append(env.episode.lies)
 
     def messages(self, sender: str, receiver: str = VICTIM) -> list[Message]:
         return [message for seen in self.seen for message in seen[receiver].inbox if message.sender == sender]
@@ -182,10 +182,10 @@ def _meant(attack: str, **options: Any) -> list[tuple[str | None, bytes]]:
     )
     observations, _ = env.reset(seed=1000)
     policy.reset(env.agent_specs, seed=1000)
-    lies = [*env.lies]
+    lies = [*env.episode.lies]
     while env.agents:
         observations, *_ = env.step(policy.act(observations))
-        lies += env.lies
+        lies += env.episode.lies
     return [(lie.against, lie.claimed.array.tobytes()) for lie in lies]
 
 

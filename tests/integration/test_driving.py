@@ -80,7 +80,7 @@ def test_only_driven_agents_have_commands_and_the_others_drive_on(make_small: Ma
     assert [name for name, spec in env.agent_specs.items() if spec.drives] == ["cav_1"]
     assert set(env.action_space("cav_0").spaces) == {"tracks"}
     history = drive(env, 3, acceleration=-8.0)
-    bodies = {name: agent.body.actor_id for name, agent in env._frame.agents.items()}
+    bodies = {name: agent.body.actor_id for name, agent in env.episode.frame.agents.items()}
     assert max(speeds(history, bodies["cav_1"])[-5:]) == 0.0
     assert max(max(speeds(history, bodies[name])) for name in ("cav_0", "cav_2")) > 3.0
 
@@ -110,7 +110,7 @@ def play(policy: str | None, seed: int, situation: str = "crossing_path", **opti
     while env.agents:
         actions = dict.fromkeys(env.agents, NOTHING) if tracker is None else tracker.act(observations, infos)
         observations, _, terminated, _, infos = env.step(actions)
-    return terminated["cav_0"], env.drives["cav_0"].drive
+    return terminated["cav_0"], env.records["drives"]["cav_0"].drive
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
@@ -196,7 +196,7 @@ def test_drives_are_logged_and_their_commands_replay_the_world(make_small: Make)
     options = {"vehicles": 10, "max_cycles": 30, "connected_cars": 2}
     planned = make_small(control="planner", **options)
     history = drive(planned, 4, policy="late_fusion")
-    commands = {name: log.drive.command_m_s2 for name, log in planned.drives.items()}
+    commands = {name: log.drive.command_m_s2 for name, log in planned.records["drives"].items()}
     assert set(commands) == {"cav_0", "cav_1"} and all(len(each) == 31 for each in commands.values())
     assert all(np.isnan(each[-1]) and np.isfinite(each[:-1]).any() for each in commands.values())
     again = make_small(control="acceleration", **options)
@@ -232,4 +232,4 @@ def test_others_crash_as_rarely_with_a_planned_car_as_without(monkeypatch: pytes
 def test_ordinary_traffic_has_no_drives(make_small: Make) -> None:
     env = make_small()
     drive(env, 0)
-    assert env.drives == {}
+    assert env.records["drives"] == {}

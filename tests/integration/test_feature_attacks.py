@@ -26,7 +26,7 @@ def play(attack: str | None) -> tuple[Any, list[Any], list[Any]]:
     while True:
         inbox = form.unpack_all(packed)["cav_0"].inbox
         maps += [(each, decode_features(each)) for each in inbox if each.sender == "cav_1"]
-        lies.append(env.lies)
+        lies.append(env.episode.lies)
         if not env.agents:
             return policy, maps, lies
         packed, *_ = env.step(policy.act(packed))

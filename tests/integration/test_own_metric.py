@@ -19,6 +19,7 @@ from coopsim.bench.paper.provenance import Provenance
 from coopsim.bench.report.publish import publish
 from coopsim.bench.store.store import Store
 from coopsim.cli import main
+from coopsim.episode import RECORDERS
 from coopsim.metrics import METRICS, LogPool, Metric
 
 SMALL = {"vehicles": 6, "pedestrians": 2, "lidar": None}
@@ -44,10 +45,11 @@ class Mine(coopsim.POLICIES.get("no_fusion")):
 @pytest.fixture(autouse=True)
 def registry() -> Iterator[None]:
     """Forget what a test registers."""
-    before = dict(METRICS._entries)
+    before = dict(METRICS._entries), dict(RECORDERS._entries)
     yield
-    METRICS._entries.clear()
-    METRICS._entries.update(before)
+    for registry, entries in zip((METRICS, RECORDERS), before, strict=True):
+        registry._entries.clear()
+        registry._entries.update(entries)
 
 
 @pytest.fixture
@@ -124,6 +126,38 @@ def test_a_benchmark_stores_and_reports_it(tmp_path: Path) -> None:
     data = json.loads(page.split('id="data">')[1].split("</script>")[0])
     assert {"name": "reported boxes", "less": True} in data["metrics"]
     assert "reported boxes" in markdown.split("##")[1] and "reported boxes" in table.splitlines()[0]
+
+
+RECORDED = """
+import coopsim
+from coopsim.metrics import METRICS, Metric
+
+@coopsim.RECORDERS.register("heard")
+class Heard(coopsim.Recorder):
+    def begin(self, episode):
+        self.messages = dict.fromkeys(episode.received, 0)
+
+    def on_report(self, episode):
+        for agent, seen in episode.received.items():
+            self.messages[agent] += len(seen.inbox)
+
+    def records(self):
+        return {agent: count for agent, count in self.messages.items() if count}
+
+@METRICS.register("messages heard")
+class MessagesHeard(Metric):
+    meaning, unit, whole_only, recorders = "messages that arrived", "", True, ("heard",)
+    def value(self, pool):
+        return float(sum(pool.records["heard"])) if pool.records["heard"] else None
+"""
+
+
+def test_a_metric_of_an_own_recorder_is_measured_in_the_processes_of_a_benchmark(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(RECORDED + POLICY.replace("no_fusion", "late_fusion"))
+    grid = Grid(("no_fusion", f"{tmp_path / 'mine.py'}:Mine"), frames=3, options={**SMALL, "connected_cars": 2})
+    silent, heard = benchmark(grid, tmp_path / "out", engine=Engine(workers=1))
+    assert "messages heard" not in silent.values
+    assert heard.values["messages heard"] == 6  # of two others in three frames
 
 
 def test_its_code_is_part_of_a_cell_s_key(tmp_path: Path) -> None:

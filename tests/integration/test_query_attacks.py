@@ -44,7 +44,7 @@ def play(attack: str | None, name: str = "cooptrack", ahead_m: float = 20.0) -> 
         actions = policy.act(packed)
         places = pose.world_SE3_base.apply(np.asarray(actions["cav_0"]["tracks"]["box"])[:, :3])[:, :2]
         frames.append(
-            {"message": message, "content": content, "shows": shows.sigmoid().numpy(), "lies": env.lies}
+            {"message": message, "content": content, "shows": shows.sigmoid().numpy(), "lies": env.episode.lies}
             | {"places": places}
         )
         packed, *_ = env.step(actions)

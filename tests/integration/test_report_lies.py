@@ -133,7 +133,7 @@ def test_a_report_has_the_pair_with_its_legend_and_moments(results: list[CellRes
 
 def test_a_run_that_differs_from_the_stored_one_is_told_and_not_shown(results: list[CellResult]) -> None:
     pairs = lie_pairs(ResultTable.of(results), 1)
-    films, notes = film_lies(pairs, lambda cell, on_frame: CellResult(cell, rewards=np.ones(5)), 60.0)
+    films, notes = film_lies(pairs, lambda cell, *recorders: CellResult(cell, rewards=np.ones(5)), 60.0)
     assert not films and all("something changed" in note for note in notes)
     assert film_lies(pairs, make_rerun({}), -1.0)[1] == ["1 pair left out, as time was up after -1 s"]
 

@@ -80,9 +80,9 @@ def test_results_are_the_same_after_an_interruption(tmp_path: Path, workers: int
 
 def test_a_planner_that_falls_loses_its_own_cell() -> None:
     run = make_rerun({"planner": "falls"})
-    result = run(Cell("no_fusion", Condition(SITUATION), 0, None), lambda env: None)
+    result = run(Cell("no_fusion", Condition(SITUATION), 0, None))
     assert result.failed and "no idea" in str(result.reason) and "cav_0" in str(result.reason)
-    other = make_rerun({})(Cell("no_fusion", Condition(SITUATION), 0, 5), lambda env: None)
+    other = make_rerun({})(Cell("no_fusion", Condition(SITUATION), 0, 5))
     assert not other.failed
 
 
@@ -92,7 +92,7 @@ def crash() -> Recording:
     run = make_rerun({"planner": "keeps_its_speed"})
     for seed in range(12):
         cell = Cell("late_fusion", Condition(SITUATION), seed, None)
-        result = run(cell, lambda env: None)
+        result = run(cell)
         assert not result.failed, result.traceback
         if result.values["crash"]:
             made = record(result, run)

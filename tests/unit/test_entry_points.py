@@ -17,7 +17,7 @@ from coopsim.detection.detector import NoDetector
 from coopsim.detection.embedder import Embedder
 from coopsim.envs import Reward
 from coopsim.metrics.metric import Metric
-from coopsim import Defense, Planner, Trust
+from coopsim import Defense, Planner, Recorder, Trust
 import numpy as np
 
 class MyPolicy(LateFusion): pass
@@ -39,10 +39,17 @@ class MyPlanner(Planner):
 class MyDefense(Defense):
     def judge(self, reception):
         return Trust({})
+class MyRecorder(Recorder):
+    def begin(self, episode):
+        self.steps = dict.fromkeys(episode.received, 0.0)
+    def on_step(self, episode):
+        self.steps = dict.fromkeys(self.steps, float(episode.steps))
+    def records(self):
+        return self.steps
 class MyMetric(Metric):
-    meaning = "one"
+    meaning, whole_only, recorders = "steps", True, ("mine",)
     def value(self, pool):
-        return 1.0
+        return pool.records["mine"][0]
 """
 
 ENTRY_POINTS = """
@@ -58,6 +65,8 @@ mine = plugged_in:MyCodec
 mine = plugged_in:MyEmbedder
 [coopsim.metrics]
 mine = plugged_in:MyMetric
+[coopsim.recorders]
+mine = plugged_in:MyRecorder
 [coopsim.defenses]
 mine = plugged_in:MyDefense
 [coopsim.planners]
@@ -75,10 +84,11 @@ from coopsim.comms.uplinks.uplink import UPLINKS
 from coopsim.interfaces.defense import DEFENSES
 from coopsim.detection.detector import DETECTORS
 from coopsim.detection.embedder import EMBEDDERS
+from coopsim.episode import RECORDERS
 from coopsim.metrics.metric import METRICS
 from coopsim.interfaces.planner import PLANNERS
 
-registries = [POLICIES, DETECTORS, UPLINKS, CODECS, EMBEDDERS, METRICS, REWARDS, PLANNERS, DEFENSES]
+registries = [POLICIES, DETECTORS, UPLINKS, CODECS, EMBEDDERS, METRICS, RECORDERS, REWARDS, PLANNERS, DEFENSES]
 for registry in registries:
     assert "mine" in registry.names(), registry.kind
 assert "plugged_in" not in sys.modules  # names are known without loading anything
@@ -93,7 +103,7 @@ assert {names[codec] for each in observations.values() for codec in each["inbox"
 while env.agents:
     observations, rewards, *_ = env.step(policy.act(observations))
     assert set(rewards.values()) == {3}
-assert env.score()["mine"] == 1.0
+assert env.score()["mine"] == 2.0
 for registry in registries:
     assert registry.get("mine").__module__ == "plugged_in", registry.kind
 assert CODECS.name_of(CODECS.get("mine")) == "mine"

@@ -201,7 +201,7 @@ def receiving(env: CooperativeEnv, selection: Selection) -> list[str]:
     return names
 
 
-def _detections(policy: Policy, agent: str, action: Mapping[str, Any], boxes: str) -> Detections:
+def _detections(policy: object, agent: str, action: Mapping[str, Any], boxes: str) -> Detections:
     perceived = getattr(policy, "detections", None)
     if boxes == "detections" and callable(perceived):
         seen: Detections = perceived(agent)

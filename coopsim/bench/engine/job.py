@@ -11,7 +11,7 @@ import socket
 import sys
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from typing import Any
@@ -19,12 +19,13 @@ from typing import Any
 import numpy as np
 
 import coopsim
-from coopsim.bench.evaluate import Evaluation, OnFrame, evaluate
+from coopsim.bench.evaluate import Evaluation, evaluate
 from coopsim.bench.grid.cell import Cell, CellResult, environment_options
 from coopsim.bench.grid.policies import arithmetic_of
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.store.fingerprint import Sources, changed_parts, fingerprint, key_of, package_versions
 from coopsim.catalog import PolicySpec
+from coopsim.episode import Recorder
 from coopsim.errors import InvalidValueError
 from coopsim.metrics.built_in import BUILT_IN, custom_metrics
 from coopsim.metrics.metric import METRICS
@@ -123,12 +124,12 @@ class Outcome:
         return self.result.reason if how is None else f"{self.result.reason}: {how}"
 
 
-def run_job(job: Job, on_frame: OnFrame | None = None) -> Outcome:
-    """Run a cell. An exception becomes its result. `on_frame` is called after every step and must not step."""
+def run_job(job: Job, recorders: Sequence[Recorder] = ()) -> Outcome:
+    """Run a cell, and tell recorders of it. An exception becomes its result."""
     _warm_up(job)
     started = time.perf_counter()
     try:
-        result = _evaluate(job, on_frame)
+        result = _evaluate(job, recorders)
     except Exception as error:  # a user's policy may raise anything, and the other cells go on
         result = CellResult(job.cell, traceback=traceback_of(error))
     seconds = time.perf_counter() - started
@@ -170,14 +171,14 @@ def _as_counts(counts: Mapping[str, int]) -> dict[str, int]:
     return {name: int(count) for name, count in counts.items()}
 
 
-def _evaluate(job: Job, on_frame: OnFrame | None = None) -> CellResult:
+def _evaluate(job: Job, recorders: Sequence[Recorder] = ()) -> CellResult:
     cell = job.cell
     options = environment_options(cell, job.options)
     for metric in job.metrics:
         metric.load()
     seed = job.isolation.seed(cell.seed)
     with job.isolation.policy(job.policy) as policy:
-        evaluation = evaluate(policy, cell.condition.scenario, seed=seed, on_frame=on_frame, **options)
+        evaluation = evaluate(policy, cell.condition.scenario, seed=seed, recorders=recorders, **options)
     result = result_of(cell, evaluation, job.arithmetic)
     return replace(
         result,

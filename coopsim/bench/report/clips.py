@@ -5,14 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from coopsim.bench.evaluate import OnFrame
 from coopsim.bench.grid.cell import Cell, CellResult
 from coopsim.bench.report.scene import Film, frame_data, home_of, map_data, tracks_data
 from coopsim.bench.results.standings import Moment
+from coopsim.episode import Recorder
 from coopsim.geometry.se3 import Floats
 from coopsim.types import NS_PER_S, Tracks
 from coopsim.viz.bev import BevFrame
@@ -20,11 +20,12 @@ from coopsim.world.snapshot import RoadMap
 
 T = TypeVar("T")
 
-if TYPE_CHECKING:
-    pass
 
-RunCell = Callable[[Cell, OnFrame], CellResult]
-"""Runs a cell as the benchmark does, and calls a function after every frame."""
+class RunCell(Protocol):
+    """Runs a cell as the benchmark does, and tells recorders of it."""
+
+    def __call__(self, cell: Cell, *recorders: Recorder) -> CellResult: ...
+
 
 _POINTS_SHOWN = 500
 
@@ -108,7 +109,7 @@ def film(
 def _shoot(result: CellResult, frames: int, run: RunCell) -> Film | str:
     """Record the run's first frames, or return why that failed."""
     cell, film = result.cell, Film(_POINTS_SHOWN)
-    rerun = run(replace(cell, frames=frames), film.add)
+    rerun = run(replace(cell, frames=frames), film)
     return changed_since(f"{cell.policy}, seed {cell.seed}", rerun, result.rewards[:frames]) or film
 
 

@@ -172,7 +172,7 @@ def film_lies(
 def _shoot(result: CellResult, receiver: str, run: RunCell) -> Film | str:
     """Record a run as a receiver knows it, or return why that failed."""
     film, cell = Film(_POINTS_SHOWN, receiver), result.cell
-    again = run(cell, film.add)
+    again = run(cell, film)
     name = f"{cell.policy}, {cell.condition.attacks or 'all honest'}, seed {cell.seed}"
     return changed_since(name, again, result.rewards) or film
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from coopsim.bench.engine.job import Job, run_job
-from coopsim.bench.evaluate import OnFrame
 from coopsim.bench.grid.cell import NOBODY_LIES, Cell, CellResult
 from coopsim.bench.grid.grid import LISTS
 from coopsim.bench.isolated.isolation import FRAME_LIMIT_S, Isolation
@@ -28,6 +27,7 @@ from coopsim.bench.safety.pairs import CRASH, film_pairs, telling_pairs
 from coopsim.bench.safety.safety_plots import crash_plots
 from coopsim.bench.safety.safety_text import to_safety_markdown
 from coopsim.catalog import PolicySpec, refuse_writing
+from coopsim.episode import Recorder
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
 from coopsim.metrics.built_in import BYTES
 from coopsim.metrics.metric import PRIMARY_METRIC
@@ -149,13 +149,13 @@ def _require_within(folder: Path, paths: Iterable[Path]) -> None:
 def make_rerun(
     options: Mapping[str, Any], isolation: Mapping[str, Any] | None = None, *, trust: bool = False
 ) -> RunCell:
-    """Return a function that runs a cell as the benchmark does, and calls another after every frame.
+    """Return a function that runs a cell as the benchmark does, and tells recorders of it.
 
     `options` of the environments and `isolation` of the policies are those in the results' folder; `trust` lets it run
     code that the cell and the options name: a policy, planner, attack or defence.
     """
 
-    def run(cell: Cell, on_frame: OnFrame) -> CellResult:
+    def run(cell: Cell, *recorders: Recorder) -> CellResult:
         try:
             if not trust and (code := code_in([cell.policy, cell.condition.as_dict(), dict(options)])) is not None:
                 raise InvalidValueError(f"it names code, {code!r}, which is run only with --trust")
@@ -164,7 +164,7 @@ def make_rerun(
             job = Job.of(cell, options, PolicySpec.parse(cell.policy), isolation=apart)
         except CoopsimError as error:  # the cell's policy or files are gone, or not trusted
             return CellResult(cell, traceback=str(error))
-        return run_job(job, on_frame).result
+        return run_job(job, recorders).result
 
     return run
 

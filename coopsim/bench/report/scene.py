@@ -16,6 +16,7 @@ from PIL import Image
 
 from coopsim.bench.report.formats import template
 from coopsim.bench.report.keys import FALSE_NOTE, SCENE, keys_html
+from coopsim.episode import Episode, Recorder
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.types import NS_PER_S, Ints, Tracks
@@ -24,7 +25,7 @@ from coopsim.viz.bev import BevFrame
 from coopsim.world.snapshot import RoadMap
 
 if TYPE_CHECKING:
-    from coopsim.envs.parallel import CooperativeEnv
+    pass
 
 UNIT_M, TURN_RAD = 0.05, 1e-4
 """Units of the integers that store lengths and headings."""
@@ -57,8 +58,8 @@ def thinned(points: Floats, count: int) -> Floats:
     return points[::stride].copy()  # a view would keep all of them in memory
 
 
-class Film:
-    """The frames of a run from above, recorded after every step, with about `points` points each.
+class Film(Recorder):
+    """The frames of a run from above, with about `points` points each.
 
     The points are those of `agent`; None: of all agents.
 
@@ -75,8 +76,8 @@ class Film:
         self.dt_s = 0.0
         self.road_map: RoadMap
 
-    def add(self, env: CooperativeEnv) -> None:
-        """Record the current frame."""
+    def on_step(self, episode: Episode) -> None:
+        env = episode.env
         frame = env.bev_frame(points=self._points > 0, agent=self._agent)
         self.frames.append(replace(frame, points=thinned(frame.points, self._points)) if self._points else frame)
         self.dt_s = next(iter(env.agent_specs.values())).dt_s

@@ -112,7 +112,7 @@ def search_pair(grid: Grid, run: RunCell, seeds: Iterable[int]) -> Pair:
     for seed in seeds:
         both = []
         for policy in (alone, sharing):
-            result = run(Cell(policy, condition, seed, None), lambda env: None)
+            result = run(Cell(policy, condition, seed, None))
             if result.failed:
                 raise InvalidValueError(f"{policy} failed in {condition.scenario} with seed {seed}: {result.reason}")
             if CRASH not in result.values:

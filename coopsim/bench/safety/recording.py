@@ -12,6 +12,7 @@ from coopsim.bench.grid.cell import Cell, CellResult
 from coopsim.bench.report.clips import RunCell, changed_since
 from coopsim.bench.report.scene import Film
 from coopsim.bench.safety.moments import BY_ITSELF, Events, find_moments, in_view, tracked
+from coopsim.episode import Episode, Recorder
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.metrics.drive_events import find_events
@@ -22,7 +23,7 @@ from coopsim.viz.false_tracks import is_false
 from coopsim.world.snapshot import RoadMap
 
 if TYPE_CHECKING:
-    from coopsim.envs.parallel import CooperativeEnv
+    pass
 
 _POINTS_SHOWN = 700
 
@@ -139,8 +140,8 @@ def _between(before: Floats, after: Floats, share: float) -> Floats:
     return found
 
 
-class Recorder:
-    """Records a run, frame by frame: `add` is an `OnFrame`."""
+class DriveFilm(Recorder):
+    """Records a run with a driven car, frame by frame."""
 
     def __init__(self) -> None:
         self._film: Film | None = None
@@ -148,14 +149,14 @@ class Recorder:
         self._drive: Drive | None = None
         self._logs: Mapping[str, TrackLog] = {}
 
-    def add(self, env: CooperativeEnv) -> None:
-        """Record the frame that was scored last."""
+    def on_step(self, episode: Episode) -> None:
+        env = episode.env
         if self._film is None:
-            self._agent = next(iter(env.drives), "")
+            self._agent = next(iter(env.cars), "")
             self._film = Film(_POINTS_SHOWN, self._agent or None)
-        self._film.add(env)
+        self._film.on_step(episode)
         if self._agent and not env.agents:
-            self._drive, self._logs = env.drives[self._agent].drive, env.logs
+            self._drive, self._logs = env.records["drives"][self._agent].drive, env.logs
 
     def recording(self, cell: Cell) -> Recording:
         """Return the recording of the whole run.
@@ -188,7 +189,7 @@ def _first_seen(log: TrackLog, drive: Drive) -> int | None:
 
 def record(result: CellResult, run: RunCell) -> Recording | str:
     """Run a cell again and record it; return why that failed, where it failed or gave other values."""
-    recorder, cell = Recorder(), result.cell
-    again = run(cell, recorder.add)
+    recorder, cell = DriveFilm(), result.cell
+    again = run(cell, recorder)
     name = f"{cell.policy}, {cell.condition.scenario}, seed {cell.seed}"
     return changed_since(name, again, result.rewards) or recorder.recording(cell)

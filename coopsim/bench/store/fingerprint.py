@@ -24,6 +24,7 @@ from coopsim.config.spec import parse_spec
 from coopsim.config.yaml_file import path_from, read_yaml
 from coopsim.errors import InvalidValueError
 from coopsim.interfaces.attack_option import attacks_by_agent
+from coopsim.metrics.built_in import recorders_read
 from coopsim.support.registrations import added_parts
 from coopsim.support.user_code import modules_beside
 
@@ -81,7 +82,7 @@ def fingerprint(
     lies = {agent: list(attacks) for agent, attacks in attacks_by_agent(cell.condition.attacks or None).items()}
     named = (cell.condition.scenario, plain, dict(policy.parameters), *([lies] if lies else []))
     contents = {path: Path(path).read_bytes() for path in sorted(set(named_files(named)))}
-    said = [repr((named, needs)).encode(), *(content[:_MOST_NAMES] for content in contents.values())]
+    said = [repr((named, needs, recorders_read())).encode(), *(content[:_MOST_NAMES] for content in contents.values())]
     for package in _plug_ins(b"\n".join(said)):
         code[package] = sources.described(package)
     code |= {"packages": package_versions(), "python": platform.python_version()}

@@ -7,7 +7,12 @@ from typing import Any
 
 import pytest
 
+import coopsim
 from coopsim.episode import Episode, Recorder, run_episode
+from coopsim.types import Tracks
+from coopsim.wire.actions import pack_tracks
+
+IDLE = {"tracks": pack_tracks(Tracks.empty())}
 
 
 class World:
@@ -15,22 +20,24 @@ class World:
 
     def __init__(self, length: int) -> None:
         self.length, self.time, self.agents = length, 0, list[str]()
-        self.agent_specs = {"a": None, "b": None}
-        self.trusted: list[tuple[int, str, Any]] = []
+        self.agent_specs, self.default_seed = {"a": None, "b": None}, 5
 
     def reset(self, seed: int, options: dict[str, Any]) -> Any:
         self.time, self.agents, self.asked = 0, ["a", "b"], (seed, options)
-        return self._frame()
+        observations, infos = self._frame()
+        it: Any = self
+        self.episode = Episode(it, seed, it, observations, observations, infos)
+        return observations, infos
 
     def step(self, actions: dict[str, Any]) -> Any:
         assert actions == {name: f"{name} at {self.time}" for name in "ab"}
         self.time += 1
         self.agents = [] if self.time == self.length else ["a", "b"]
         observations, infos = self._frame()
-        return observations, {"a": self.time, "b": 0.0}, {}, {}, infos
-
-    def note_trust(self, agent: str, trust: Any, passes: int) -> None:
-        self.trusted.append((self.time, agent, trust))
+        it: Any = self
+        rewards = {"a": self.time, "b": 0.0}
+        self.episode.go_on(it, observations, observations=observations, rewards=rewards, infos=infos)
+        return observations, rewards, {}, {}, infos
 
     def _frame(self) -> Any:
         return dict.fromkeys("ab", self.time), {name: {"truth": self.time} for name in "ab"}
@@ -46,9 +53,6 @@ class Reports:
     def act(self, observations: Any, *infos: Any) -> Any:
         self.told.append(infos)
         return {name: f"{name} at {time}" for name, time in observations.items()}
-
-    def judgements(self, agents: list[str]) -> Any:
-        return {"a": ({"b": 0.5}, 1)} if "a" in agents else {}
 
 
 class Notes(Recorder):
@@ -103,6 +107,38 @@ def test_only_a_policy_that_needs_the_truth_is_told_infos() -> None:
     assert told.told == [({name: {"truth": 0} for name in "ab"},)]
 
 
-def test_trust_is_noted_in_the_frame_that_it_is_of() -> None:
-    world, _, _ = run(2)
-    assert world.trusted == [(0, "a", {"b": 0.5}), (1, "a", {"b": 0.5})]
+def test_without_a_seed_it_takes_the_environments_own() -> None:
+    world: Any = World(1)
+    assert run_episode(world, Reports()).seed == 5  # type: ignore[arg-type]
+    world.default_seed = None
+    assert run_episode(world, Reports()).seed == 0  # type: ignore[arg-type]
+
+
+def test_the_policys_seed_is_that_of_the_loop_that_users_write() -> None:
+    env = coopsim.parallel_env("crossing", lidar=None, vehicles=2, pedestrians=0, max_cycles=1)
+    reports: Any = SimpleNamespace(needs=SimpleNamespace(truth=False), act=lambda seen: dict.fromkeys(seen, IDLE))
+    reports.reset = lambda specs, seed: setattr(reports, "seed", seed)
+    run_episode(env, reports, seed=3)
+    env.reset(seed=3)
+    assert reports.seed == env.policy_seed != 3
+
+
+def test_recorders_are_told_frames_reports_messages_and_outcomes() -> None:
+    told: list[Any] = []
+
+    class Told(Recorder):
+        def on_report(self, episode: Episode) -> None:
+            assert episode.frame.time_ns == episode.env.time_ns and set(episode.tracks) == set(episode.env.agents)
+            senders = {message.sender for message in episode.received["cav_0"].inbox}
+            told.append((episode.steps, senders, len(episode.tracks["cav_0"])))
+
+        def on_step(self, episode: Episode) -> None:
+            told.append((episode.steps, set(episode.rewards), episode.frame.last))
+
+    policy = coopsim.make_policy("late_fusion")
+    env = coopsim.parallel_env("crossing", uplink=policy, lidar=None, vehicles=6, pedestrians=0, max_cycles=2)
+    episode = run_episode(env, policy, [Told()], seed=3)
+    others = {"cav_1", "cav_2", "rsu_0"}
+    assert told[0][:2] == (0, others) and told[2][:2] == (1, others) and told[2][2] > 0
+    assert told[1] == (1, others | {"cav_0"}, False) and told[3] == (2, others | {"cav_0"}, True)
+    assert episode.policy is policy and len(episode.tracks["cav_0"]) == told[2][2]

@@ -39,7 +39,7 @@ def lie(claimed: Boxes3D, denied: Boxes3D) -> Lie:
 
 
 def values(log: DeceptionLog) -> dict[str, float | None]:
-    pool = LogPool([], deceptions=[log])
+    pool = LogPool([], records={"deceptions": [log]})
     return {name: metric.value(pool) for name, metric in DECEPTION.items()}
 
 

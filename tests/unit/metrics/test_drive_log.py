@@ -67,8 +67,9 @@ def test_frames_must_be_in_order_and_objects_have_velocities() -> None:
         _ = DriveLog().drive
 
 
-def test_a_pool_keeps_the_drives_that_have_frames() -> None:
+def test_a_score_has_values_of_driving_where_there_are_drives() -> None:
     log = DriveLog()
     log.append(frame(0, (0.0, 0.0, 0.0)))
-    assert LogPool.of([Evaluator().log], drives=[log, DriveLog()]).drives == (log,)
-    assert set(summarize([Evaluator().log]).values) <= set(summarize([Evaluator().log], drives=[log]).values)
+    assert LogPool.of([Evaluator().log], records={"drives": [log]}).records["drives"] == (log,)
+    assert "crash" in summarize([Evaluator().log], records={"drives": [log]}).values
+    assert "crash" not in summarize([Evaluator().log]).values

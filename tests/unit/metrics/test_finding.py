@@ -15,7 +15,7 @@ from coopsim.metrics.trust_log import TrustLog
 
 
 def values(*logs: TrustLog) -> dict[str, float | None]:
-    pool = LogPool([], trusts=logs)
+    pool = LogPool([], records={"trust": logs})
     return {name: metric.value(pool) for name, metric in FINDING.items()}
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from coopsim.bench.report.publish import make_rerun, publish
 from coopsim.bench.report.scene import UNIT_M
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import LEAST_GAP, worst_windows
+from coopsim.episode import Recorder
 from coopsim.errors import InvalidValueError
 
 OPTIONS = {name: value for name, value in SMALL.items() if name not in ("max_cycles", "threads")}
@@ -85,7 +85,7 @@ CELLS = [Cell(policy, Condition("crossing", latency_s=0.2), 3, 8) for policy in 
 @pytest.fixture(scope="module")
 def run() -> list[CellResult]:
     """Both cells, run for real, the first one worse."""
-    given = [make_rerun(OPTIONS)(cell, lambda env: None) for cell in CELLS]
+    given = [make_rerun(OPTIONS)(cell) for cell in CELLS]
     assert not any(each.failed for each in given), given[0].traceback
     return given
 
@@ -103,7 +103,9 @@ def test_a_clip_shows_the_frames_of_its_window(run: list[CellResult]) -> None:
     (clip,), notes = film([moment], make_rerun(OPTIONS))
     assert notes == () and len(clip.frames) == len(clip.worst) == len(clip.best) == 3
     seen: list[Any] = []
-    make_rerun(OPTIONS)(moment.worst.cell, lambda env: seen.append(env.bev_frame()))
+    watch = Recorder()
+    watch.on_step = lambda episode: seen.append(episode.env.bev_frame())  # type: ignore[method-assign]
+    make_rerun(OPTIONS)(moment.worst.cell, watch)
     for shown, tracks, frame in zip(clip.frames, clip.worst, seen[3:6], strict=True):
         assert shown.time_ns == frame.time_ns and list(tracks) == [clip.agent]
         np.testing.assert_array_equal(shown.actors.boxes.center, frame.actors.boxes.center)
@@ -134,7 +136,7 @@ def test_time_is_bounded_and_a_run_is_run_once() -> None:
     moments = worst_windows(table, 3, 10)
     ran: list[Cell] = []
 
-    def run(cell: Cell, on_frame: Callable[..., None]) -> CellResult:
+    def run(cell: Cell, *recorders: Recorder) -> CellResult:
         ran.append(cell)
         return failed(cell)
 

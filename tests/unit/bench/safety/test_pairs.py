@@ -54,7 +54,7 @@ def test_without_a_policy_that_sends_nothing_there_are_no_pairs() -> None:
 def test_a_run_that_differs_from_the_stored_one_is_told_and_not_shown() -> None:
     pairs = telling_pairs(ResultTable.of(crash_results()), 2)
 
-    def other(cell: Cell, on_frame: object) -> CellResult:
+    def other(cell: Cell, *recorders: object) -> CellResult:
         return CellResult(cell, rewards=np.ones(5))
 
     filmed, notes = film_pairs(pairs, other, 60.0)

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
-from coopsim.envs.frames import AgentFrame
+from coopsim.episode import Episode, Recorder
 from coopsim.geometry.boxes import in_region
 from coopsim.metrics.evaluator import Evaluator, FrameCounts
+from coopsim.metrics.track_log import TrackLog
 from coopsim.types import Mask, Tracks
+
+if TYPE_CHECKING:
+    from coopsim.envs.frames import AgentFrame
 
 
 class Scorer:
@@ -32,3 +37,23 @@ class Scorer:
     def _in_region(self, tracks: Tracks) -> Mask | None:
         """Return the mask (M,) of tracks inside the region; None: there is no limit."""
         return None if self._region_m is None else in_region(tracks.boxes.center, self._region_m)
+
+
+class TrackRecorder(Recorder):
+    """Reported tracks beside the truth, by agent.
+
+    Attributes:
+        counts: counts of the last report, by agent.
+    """
+
+    def begin(self, episode: Episode) -> None:
+        env = episode.env
+        # Of a recording, an episode need not have all possible agents.
+        self._scorer = Scorer(tuple(episode.frame.agents), env.match_iou, env.region_m)
+        self.counts: Mapping[str, FrameCounts] = {}
+
+    def on_report(self, episode: Episode) -> None:
+        self.counts = self._scorer.update(episode.frame.agents, episode.tracks)
+
+    def records(self) -> dict[str, TrackLog]:
+        return {name: evaluator.log for name, evaluator in self._scorer.evaluators.items()}
