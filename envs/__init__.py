@@ -239,7 +239,8 @@ def register_place(name: str, place: PlaceDescription | Callable[[], PlaceDescri
     versioned = f"{name}-v{VERSION}"
     if versioned in ENVIRONMENTS:
         raise DuplicateNameError(f"environment {versioned!r} is already registered")
-    SCENARIOS.register(name)(place)
+    enter: Callable[[Any], Any] = SCENARIOS.register(name)
+    enter(place)
     _register_one(versioned, partial(simulation_env, name))
 
 
