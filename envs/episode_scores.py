@@ -7,11 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from coopsim.attacks.attack_option import attacks_by_agent
 from coopsim.envs.frames import Frame, FrameSource
 from coopsim.envs.options import CommonOptions
 from coopsim.envs.scorer import Scorer
 from coopsim.errors import EpisodeStateError
+from coopsim.interfaces.attack_option import attacks_by_agent
 from coopsim.metrics.deception_log import DeceptionLog
 from coopsim.metrics.drive_log import DriveFrame, DriveLog
 from coopsim.metrics.evaluator import FrameCounts

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from helpers.script_parts import parts_of_a_script
+from jobs_here import no_workers
 
 import coopsim
 from coopsim.bench.benchmark import benchmark
@@ -85,7 +86,8 @@ def edit(path: Path) -> None:
 def test_a_policy_that_is_edited_between_two_calls_is_another(counting: Path, tmp_path: Path) -> None:
     """As in a notebook, whose process has the first version imported, while workers import the second."""
     name, one = f"{counting.stem}:P", Engine(workers=1)
-    first = benchmark(Grid((name,), frames=2, options=OPTIONS), tmp_path / "out", engine=one)
+    with no_workers():
+        first = benchmark(Grid((name,), frames=2, options=OPTIONS), tmp_path / "out")
     edit(counting)
     second = benchmark(Grid((name,), frames=2, seeds=(0, 1), options=OPTIONS), tmp_path / "out", engine=one)
     assert [each.counts["version"] for each in (*first, *second)] == [1, 2, 2]
@@ -125,6 +127,7 @@ def test_a_cell_whose_sources_changed_meanwhile_is_lost_and_not_stored(counting:
     sys.modules.pop(counting.stem)
 
 
+@pytest.mark.usefixtures("jobs_here")
 def test_lost_cells_are_run_again_by_the_same_call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As where a node of a Ray cluster dies: no fault of the cell."""
     grid = Grid(("no_fusion",), frames=2, seeds=(0, 1), options=OPTIONS)
@@ -132,7 +135,7 @@ def test_lost_cells_are_run_again_by_the_same_call(tmp_path: Path, monkeypatch: 
         patch.setattr(Engine, "run", lambda self, jobs: (job.lost("LocalRayletDiedError") for job in jobs))
         results = benchmark(grid, tmp_path)
     assert [each.reason for each in results] == ["the cell was not run"] * 2 and Store(tmp_path).results() == []
-    assert not any(each.failed for each in benchmark(grid, tmp_path, engine=Engine(workers=1)))
+    assert not any(each.failed for each in benchmark(grid, tmp_path))
 
 
 @pytest.mark.parametrize("group", ["detectors", "embedders", "codecs", "uplinks", "fusions", "backbones", "policies"])
