@@ -21,7 +21,7 @@ import numpy as np
 import coopsim
 from coopsim.bench.evaluate import Evaluation, OnFrame, evaluate
 from coopsim.bench.grid.cell import Cell, CellResult, environment_options
-from coopsim.bench.grid.policies import arithmetic_of
+from coopsim.bench.grid.policies import arithmetic_of, of_cell
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.store.fingerprint import Sources, changed_parts, fingerprint, key_of, package_versions
 from coopsim.catalog import PolicySpec
@@ -62,7 +62,12 @@ class Job:
         isolation: Isolation = Isolation(),  # noqa: B008  (frozen)
         sources: Sources | None = None,
     ) -> Job:
-        """Make the job of a cell; `sources` as of `fingerprint`."""
+        """Make the job of a cell of a policy; `sources` as of `fingerprint`.
+
+        Raises:
+            InvalidValueError: the condition sets a parameter that the policy's text has, too.
+        """
+        policy = of_cell(policy, cell.condition, trusted=not (isolation.as_data() and policy.place))
         decided_by = fingerprint(cell, options, policy, metrics, isolation.as_data(), sources)
         return cls(cell, options, policy, decided_by, metrics, isolation)
 
@@ -70,7 +75,8 @@ class Job:
     def arithmetic(self) -> str:
         """The arithmetic of the cell's networks, see `arithmetic_of`."""
         trusted = not (self.isolation.as_data() and self.policy.place)
-        return arithmetic_of(self.policy, self.options.get("detector"), trusted=trusted)
+        settings = dict(self.cell.condition.settings)
+        return arithmetic_of(self.policy, settings.get("detector", self.options.get("detector")), trusted=trusted)
 
     @property
     def key(self) -> str:
@@ -79,13 +85,17 @@ class Job:
 
     def run(self) -> Outcome:
         """Run the cell; see `run_job`. It is lost if anything is not as it was when the job, and its key, were made."""
+        before, sources = set(sys.modules), Sources()
         outcome = run_job(self)
         try:
-            now = fingerprint(self.cell, self.options, self.policy, self.metrics, self.isolation.as_data())
+            now = fingerprint(self.cell, self.options, self.policy, self.metrics, self.isolation.as_data(), sources)
         except Exception:  # its policy cannot be imported here, which is its outcome
             return outcome
-        changed = changed_parts(self.decided_by, now)
-        return self.lost(f"{changed} changed since the benchmark began, or differs here") if changed else outcome
+        if changed := changed_parts(self.decided_by, now):
+            return self.lost(f"{changed} changed since the benchmark began, or differs here")
+        if unknown := sources.uncounted(sys.modules.keys() - before):
+            return self.lost(f"it loaded {', '.join(unknown)}, which its key does not count")
+        return outcome
 
     def died(self, how: str) -> Outcome:
         """Return the outcome where the process died. `how` differs between engines, so it is not in the result."""

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coopsim.bench.grid.cell import Axis, mildest_along, values_of, varying_axes
+from coopsim.bench.grid.axis import Axis
+from coopsim.bench.grid.labels import mildest_along, values_of, varying_axes
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.support.svg import line_style, name_ticks, to_svg
 
@@ -71,6 +72,6 @@ def _panel(panel: Any, table: ResultTable, metric: str, axis: Axis, scenario: st
         panel.errorbar(places, means, whiskers, label=name, **look)
     if endless:
         panel.set_xscale("log")
-        panel.set_xticks(places, [f"{value:g}" if math.isfinite(value) else "no limit" for value, _ in chosen])
+        panel.set_xticks(places, [f"{value:g}" if math.isfinite(value) else axis.endless for value, _ in chosen])
         panel.minorticks_off()
     panel.grid(alpha=0.25)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from coopsim.bench.grid.cell import label, values_of, varying_axes
+from coopsim.bench.grid.labels import label, values_of, varying_axes
 from coopsim.bench.report.bench_tables import condition_table, failures, leaderboard
 from coopsim.bench.report.bench_text import COUNTS_TITLE, METHODS_TITLE, interval_kinds
 from coopsim.bench.report.clips import Clip

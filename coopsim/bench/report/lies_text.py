@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from coopsim.bench.grid.cell import NOBODY_LIES
+from coopsim.bench.grid.axis import NOBODY_LIES
 from coopsim.bench.report.bench_text import difference_text, form_of, format_value, markdown_table
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import bootstrap_difference
