@@ -40,7 +40,7 @@ class Axis:
 
     Attributes:
         option: name of the option; `policy.x` is the parameter x of policies.
-        name: the same for readers.
+        name: name for readers.
         unit: unit in which it is shown.
         scale: factor from the option's unit to the shown one.
         endless: text of an infinite value, and of None.

@@ -47,12 +47,12 @@ _LAZY_NAME = re.compile(r'^    "(\w+)": "(coopsim[\w.]*)",$', re.MULTILINE)
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """What the text of a module says.
+    """Imports and names in the text of a module.
 
     Attributes:
         digest: digest of the whole text.
-        at_head: modules that it imports when it is loaded, and names that it takes from them.
-        within: the same of functions, and of modules in quotes.
+        at_head: modules that it imports when it is loaded, and names of them.
+        within: imports of its functions, and modules in quotes.
         registered: names that it registers.
         quoted: words in quotes.
         homes: modules that register parts for a registry that it has.
