@@ -28,6 +28,7 @@ POLICY = "policy."
 """Beginning of the names of axes that are parameters of policies."""
 
 LATENCY, LOSS, RATE, ATTACKS = "latency_s", "loss", "channel.bandwidth.rate_bit_s", "attacks"
+POSITION, HEADING = "position_noise_m", "heading_noise_rad"
 
 
 def _free(**values: Any) -> None:
@@ -137,55 +138,30 @@ def _require_rate(**values: Any) -> None:
     require_number(">= 1e-6 (inf: no limit)", lambda rate: rate >= 1e-6, **values)
 
 
+def _from_ms(latency: float) -> float:
+    return float(latency / 1000)  # a product with 0.001 has other bits
+
+
+def _from_mbit(rate: float) -> float:
+    return float(rate * 1e6)
+
+
+_PLUS, _SHARE = require_non_negative, require_probability
+_OWN, _DEG = "the environment's own", 180.0 / math.pi
+
+# fmt: off
 AXES = (
-    Axis(
-        LATENCY,
-        "latency",
-        "ms",
-        1e3,
-        usual=0.0,
-        short="latencies_ms",
-        from_short=lambda ms: float(ms / 1000),
-        require=require_non_negative,
-    ),
-    Axis(LOSS, "loss", "%", 1e2, usual=0.0, short="losses", require=require_probability),
-    Axis("position_noise_m", "position noise", "m", usual=0.0, short="position_noises_m", require=require_non_negative),
-    Axis(
-        "heading_noise_rad",
-        "heading noise",
-        "°",
-        180.0 / math.pi,
-        usual=0.0,
-        column="heading_noise_deg",
-        short="heading_noises_deg",
-        from_short=math.radians,
-        require=require_non_negative,
-    ),
-    Axis(
-        RATE,
-        "bandwidth",
-        "Mbit/s",
-        1e-6,
-        "no limit",
-        less_harms=True,
-        usual=math.inf,
-        column="bandwidth_bit_s",
-        short="bandwidths_mbit_s",
-        from_short=lambda rate: float(rate * 1e6),
-        require=_require_rate,
-    ),
-    Axis(
-        "penetration",
-        "penetration",
-        "%",
-        1e2,
-        "the environment's own",
-        less_harms=True,
-        short="penetrations",
-        require=require_probability,
-    ),
+    Axis(LATENCY, "latency", "ms", 1e3, usual=0.0, short="latencies_ms", from_short=_from_ms, require=_PLUS),
+    Axis(LOSS, "loss", "%", 1e2, usual=0.0, short="losses", require=_SHARE),
+    Axis(POSITION, "position noise", "m", usual=0.0, short="position_noises_m", require=_PLUS),
+    Axis(HEADING, "heading noise", "°", _DEG, usual=0.0, column="heading_noise_deg", short="heading_noises_deg",
+         from_short=math.radians, require=_PLUS),
+    Axis(RATE, "bandwidth", "Mbit/s", 1e-6, "no limit", less_harms=True, usual=math.inf, column="bandwidth_bit_s",
+         short="bandwidths_mbit_s", from_short=_from_mbit, require=_require_rate),
+    Axis("penetration", "penetration", "%", 1e2, _OWN, less_harms=True, short="penetrations", require=_SHARE),
     Axis(ATTACKS, "attacks", endless=NOBODY_LIES, named=True, usual="", short="attacks", from_short=str),
 )
+# fmt: on
 """The axes with short forms. Those of the channel and the pose are in every condition."""
 
 _KNOWN = {axis.option: axis for axis in AXES}

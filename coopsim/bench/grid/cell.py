@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.bench.grid.axis import AXES, DEFAULT, LATENCY, LOSS, POLICY, RATE, USUAL, axis_of
+from coopsim.bench.grid.axis import AXES, DEFAULT, HEADING, LATENCY, LOSS, POLICY, POSITION, RATE, USUAL, axis_of
 from coopsim.catalog import is_recordings_folder, is_scenario_file, scenario_file_options
 from coopsim.config.load import read_mapping
 from coopsim.errors import InvalidValueError
@@ -88,7 +88,7 @@ class Condition:
         found: dict[str, Any] = {"scenario": self.scenario}
         for axis in AXES:
             value = self.get(axis.option)
-            found[axis.column or axis.option] = axis.shown(value) if axis.option == _HEADING and value else value
+            found[axis.column or axis.option] = axis.shown(value) if axis.option == HEADING and value else value
         return found | {option: self.get(option) for option in further_options([self], further)}
 
 
@@ -97,13 +97,12 @@ def columns_of(condition: Condition | None, further: Iterable[str]) -> dict[str,
     return dict.fromkeys(Condition().columns(further)) if condition is None else condition.columns(further)
 
 
-_HEADING = "heading_noise_rad"
 _OPTIONS = {axis.column: axis.option for axis in AXES if axis.column}
 
 
 def _of_column(name: str, value: Any) -> Any:
     """Return a value by the name of its column as its option has it."""
-    return math.radians(value) if _OPTIONS.get(name) == _HEADING and value is not None else value
+    return math.radians(value) if _OPTIONS.get(name) == HEADING and value is not None else value
 
 
 def _rank(value: Any) -> tuple[int, float, str]:
@@ -218,7 +217,7 @@ def environment_options(cell: Cell, options: Mapping[str, Any]) -> dict[str, Any
         on_air = {LATENCY: 0.0, LOSS: 0.0, **_JITTER_AND_RANGE}  # overrides a scenario file, too
     elif given.get("channel") is not None:
         made["channel"] = given["channel"]
-    noise = {option: condition.get(option) for option in ("position_noise_m", _HEADING)}
+    noise = {option: condition.get(option) for option in (POSITION, HEADING)}
     noise = {option: value for option, value in noise.items() if value is not None}
     one_thread = {} if is_recordings_folder(condition.scenario) else _ONE_THREAD
     length = {} if cell.frames is None else {"max_cycles": cell.frames}
@@ -230,7 +229,7 @@ def scenario_options(scenario: str) -> Mapping[str, Any]:
     return scenario_file_options(scenario) if is_scenario_file(scenario) else {}
 
 
-_SET_APART = (*_OF_CHANNEL, "position_noise_m", _HEADING)
+_SET_APART = (*_OF_CHANNEL, POSITION, HEADING)
 
 
 def _with_settings(condition: Condition, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
-from coopsim.bench.grid.axis import ATTACKS, AXES, USUAL, Axis, axis_of
+from coopsim.bench.grid.axis import ATTACKS, AXES, HEADING, POSITION, USUAL, Axis, axis_of
 from coopsim.bench.grid.cell import Cell, Condition
 from coopsim.bench.grid.policies import PROCESSOR, detector_on, name_all, policy_on, require_device
 from coopsim.bench.store.fingerprint import plain_options
@@ -173,7 +173,7 @@ class Grid:
                 raise InvalidValueError(f"{axis.option} is not an option here: use {axis.short}")
             if axis.option in axes and len(getattr(self, axis.short)) > 1:
                 raise InvalidValueError(f"{axis.option} must be given once, got it among axes, and {axis.short}")
-        if self.pose == "together" and {"position_noise_m", "heading_noise_rad"} & axes.keys():
+        if self.pose == "together" and {POSITION, HEADING} & axes.keys():
             raise InvalidValueError("pose must be 'product' where its noises are among axes, got 'together'")
         for twice in sorted(self.options.keys() & axes.keys()):
             raise InvalidValueError(f"{twice} must be given once, got it among options and axes")
