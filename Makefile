@@ -25,11 +25,11 @@ PYTHON_ROOMS := $(addprefix tests/unit/,config geometry metrics support tracking
 demo: $(VENV)/.user
 	$(BIN)/coopsim demo $(DEMO_FLAGS)
 
-# Processes begin at different folders, so hardly any kernel is compiled twice; who is done takes from the others' rest.
-# Each has one thread: take as many as there are cores.
+# Processes begin with different slow files, so few kernels are compiled twice; who is done takes from the others' rest.
+# Each has one thread: take as many as there are cores. A test that computes for too long fails.
 test: export OMP_NUM_THREADS := 1
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest --numprocesses $(TEST_PROCESSES) --dist worksteal
+	$(BIN)/python -m pytest --numprocesses $(TEST_PROCESSES) --dist worksteal --hold-times
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
@@ -40,12 +40,12 @@ types: $(VENV)/.dev
 
 check: lint types test
 
-# What only long runs show; and the rooms with kernels once more, compiled anew so that each index is checked.
+# What only long runs show; then laws with more examples, and rooms with kernels, compiled anew with indices checked.
 check-long: export OMP_NUM_THREADS := 1
 check-long: $(VENV)/.dev
 	$(BIN)/python -m pytest -m long --numprocesses $(TEST_PROCESSES) --dist worksteal
-	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/build/checked_kernels $(BIN)/python -m pytest $(KERNEL_ROOMS) \
-		--numprocesses $(TEST_PROCESSES) --dist worksteal
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/build/checked_kernels $(BIN)/python -m pytest $(KERNEL_ROOMS) tests/property \
+		--hypothesis-profile thorough --numprocesses $(TEST_PROCESSES) --dist worksteal
 
 # A short selection with other Pythons, without torch; those that are not installed are named and left out.
 check-pythons:

@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from coopsim.defenses.defense import Defense as Defense
     from coopsim.defenses.defense import Reception as Reception
     from coopsim.defenses.defense import Trust as Trust
+    from coopsim.envs import register_place as register_place
     from coopsim.envs.simulated.record_episode import record as record
     from coopsim.envs.vector.make import vector as vector
     from coopsim.episode import Episode as Episode
@@ -59,6 +60,7 @@ if TYPE_CHECKING:
     from coopsim.planning.planner import PlannedCar as PlannedCar
     from coopsim.planning.planner import Planner as Planner
     from coopsim.support.precision import set_precision as set_precision
+    from coopsim.world.places.description import PlaceDescription as PlaceDescription
 
 __version__ = "0.1.0"
 
@@ -89,6 +91,8 @@ _HOMES = {
     "Episode": "coopsim.episode",
     "Recorder": "coopsim.episode",
     "record": "coopsim.envs.simulated.record_episode",
+    "register_place": "coopsim.envs",
+    "PlaceDescription": "coopsim.world.places.description",
     "rollout": "coopsim.bench.evaluate",
     "set_precision": "coopsim.support.precision",
     "vector": "coopsim.envs.vector.make",

@@ -24,13 +24,14 @@ from coopsim.envs.simulated.record_episode import as_recorded
 from coopsim.envs.simulated.scenario_file import load_scenario_file
 from coopsim.envs.simulated.simulation import Simulation
 from coopsim.envs.simulated.simulation_options import SimulationOptions
-from coopsim.errors import CoopsimError, InvalidValueError
+from coopsim.errors import CoopsimError, DuplicateNameError, InvalidValueError
 from coopsim.support.checks import require_choice
 from coopsim.types.messages import IDLE, MANEUVERS
+from coopsim.world.places.description import PlaceDescription
 from coopsim.world.population import Population, drop_overridden
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import played_scenarios
-from coopsim.world.scenario import NUMBERS, Place
+from coopsim.world.scenario import NUMBERS, SCENARIOS, Place
 from coopsim.world.situations.situation import EGO, SITUATIONS, Situation
 from coopsim.world.towns.options import PlaceSeeds, TownOptions
 from coopsim.world.towns.scenarios import TOWN, TOWN_KEYS, choose_scenarios, scenario_names
@@ -46,6 +47,7 @@ __all__ = [
     "Reward",
     "SafeProgress",
     "file_env",
+    "register_place",
     "replay_env",
     "simulation_env",
     "situation_env",
@@ -206,11 +208,39 @@ def _register() -> None:
         f"replay-v{VERSION}": replay_env,
     }
     for versioned, maker in makers.items():
-        full = f"{NAMESPACE}/{versioned}"
-        make = partial(maker, full)
-        ENVIRONMENTS.register(versioned)(make)
-        pettingzoo.register("parallel", full, make)
-        register_with_gymnasium(versioned)
+        _register_one(versioned, maker)
+
+
+def _register_one(versioned: str, maker: Callable[..., CooperativeEnv]) -> None:
+    full = f"{NAMESPACE}/{versioned}"
+    make = partial(maker, full)
+    ENVIRONMENTS.register(versioned)(make)
+    pettingzoo.register("parallel", full, make)
+    register_with_gymnasium(versioned)
+
+
+def register_place(name: str, place: PlaceDescription | Callable[[], PlaceDescription]) -> None:
+    """Register a place by name: `coopsim.parallel_env(name)` makes an environment in it from then on.
+
+    Installed packages need not call this: the entry-point group `coopsim.places` has names and descriptions, too.
+
+    Args:
+        name: name of the scenario; its environment is `coopsim/<name>-v2`.
+        place: its description, or a function that returns it when the place is first used.
+
+    Raises:
+        DuplicateNameError: there is a scenario or an environment of that name.
+        InvalidValueError: it is neither.
+    """
+    if not isinstance(place, PlaceDescription) and not callable(place):
+        raise InvalidValueError(
+            f"place must be a PlaceDescription, or a function that returns one, got {type(place).__name__}"
+        )
+    versioned = f"{name}-v{VERSION}"
+    if versioned in ENVIRONMENTS:
+        raise DuplicateNameError(f"environment {versioned!r} is already registered")
+    SCENARIOS.register(name)(place)
+    _register_one(versioned, partial(simulation_env, name))
 
 
 _register()

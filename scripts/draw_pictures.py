@@ -36,6 +36,7 @@ from coopsim.viz.point_picture import draw_points
 from coopsim.viz.portrait import contact_sheet, draw_overhead
 from coopsim.world.furniture.furnish import furnishing_parts
 from coopsim.world.furniture.kinds import KINDS
+from coopsim.world.places.description import MapFurniture
 from coopsim.world.places.layout import flat_part, rectangle
 from coopsim.world.scenario import SCENARIOS, make_scenario
 from coopsim.world.situations.situation import EGO, SITUATIONS
@@ -199,10 +200,10 @@ def photograph(
 def portrait(kind: str) -> tuple[str, NDArray[np.uint8]]:
     """Return a kind's caption and its picture, from its front left."""
     step_m = KINDS[kind].step_m
-    where: dict[str, Any] = {"at": [0.0, 0.0], "heading_deg": 0.0}
+    where: dict[str, Any] = {"at": (0.0, 0.0), "heading_deg": 0.0}
     if step_m:
-        where = {"along": [[0.0, 0.0], [max(step_m, 6.0), 0.0]]}
-    parts = furnishing_parts([{"kind": kind, **where}])
+        where = {"along": ((0.0, 0.0), (max(step_m, 6.0), 0.0))}
+    parts = furnishing_parts([MapFurniture(kind, **where)])
     points = np.concatenate([part.vertices for part in parts])
     low, high = points.min(axis=0), points.max(axis=0)
     axes = axes_towards(215.0, 12.0)

@@ -61,7 +61,7 @@ def place_digests(scenario: Scenario) -> dict[str, str]:
     """Return the digest of each part of a place with its population and description."""
     layout = {name: getattr(scenario.layout, name) for name in scenario.layout.__slots__}
     return {name: digest(part) for name, part in {**layout, "population": scenario.population}.items()} | {
-        "description": digest(scenario.description)
+        "description": digest(None if scenario.description is None else scenario.description.identity)
     }
 
 

@@ -54,7 +54,7 @@ def survey(place: int, *, options: TownOptions, density: float, seconds: float) 
             drawn = draw_place(place, options)
             row["draw_ms"] = round(1e3 * (perf_counter() - began_s), 1)
             scenario = TownScenarios(PlaceSeeds(place), options, density, None, {}).of(place)
-            row["fingerprint"] = fingerprint(drawn.description or {})
+            row["fingerprint"] = fingerprint({} if drawn.description is None else drawn.description.plain)
             row["triangles"] = sum(len(part.faces) for part in (*scenario.layout.static, *scenario.layout.furnishing))
             row["faults"] = find_faults(scenario, place)
         row["warnings"] = [str(warning.message) for warning in caught]

@@ -8,7 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from held_times import HeldTimes
 from hypothesis import HealthCheck, settings
+from jobs_here import jobs_here  # noqa: F401  (a fixture)
+from order import slow_first
 from short_episode import folder_bytes, short_episode  # noqa: F401  (fixtures)
 from small_env import SMALL
 
@@ -18,8 +21,23 @@ from coopsim.comms.envelope import encode_message
 from coopsim.types import Message
 
 # How fast examples are drawn and run is the machine's affair: a busy one is no failure.
-settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+PATIENT: dict[str, Any] = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
+settings.register_profile("patient", max_examples=40, **PATIENT)
+settings.register_profile("thorough", max_examples=200, **PATIENT)  # of `make check-long`
 settings.load_profile("patient")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--hold-times", action="store_true", help="fail tests that compute for longer than tests may")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("hold_times"):
+        config.pluginmanager.register(HeldTimes())
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items[:] = slow_first(items)
 
 
 @pytest.fixture

@@ -92,7 +92,8 @@ def _environments() -> list[Entry]:
     def described(name: str) -> str:
         bare = name.rpartition("-v")[0]
         if bare in SCENARIOS:
-            return _first_sentence(SCENARIOS.get(bare).make_layout)
+            place = SCENARIOS.get(bare)
+            return _first_sentence(place.make_layout) if place.description is None else "Drive in a described place"
         if bare in SITUATIONS:
             return _first_sentence(SITUATIONS.get(bare))
         return "Draw a town for each episode" if bare == TOWN else _first_sentence(coopsim.ENVIRONMENTS.get(name))

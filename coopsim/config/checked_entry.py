@@ -36,11 +36,6 @@ class Entry(ABC):
         """The value as plain Python."""
 
     @property
-    def as_read(self) -> Any:
-        """The same in dicts and lists; what has been read as a name is a text even if it looks like a number."""
-        return self.value
-
-    @property
     @abstractmethod
     def spot(self) -> str:
         """The place, for errors about other entries: "line 8"."""
@@ -56,6 +51,10 @@ class Entry(ABC):
     @abstractmethod
     def pairs(self) -> Mapping[str, Entry] | None:
         """Return the values of a mapping by key; None: it is no mapping."""
+
+    @abstractmethod
+    def part(self, *keys: str | int) -> Entry:
+        """Return what keys and numbers in lists lead to; in a file, the last on the way there that is written."""
 
     @abstractmethod
     def scalar(self) -> str | None:
@@ -132,20 +131,29 @@ class Entry(ABC):
         items = self.entries()
         if count is not None and len(items) != count:
             raise self.error(f"{self.name} must be {count} numbers, got {self._shown()}")
-        return [float(item.checked(require_finite_number)) for item in items]
+        return [item.checked(require_finite_number) for item in items]
 
-    def point(self) -> Floats:
-        """Return a point (2,) m."""
+    def pair(self) -> tuple[float, float]:
+        """Return a point as two numbers, m."""
         if self.items() is None:
             raise self.error(f"{self.name} must have points [x, y], got {self._shown()}")
-        return np.array(self.numbers(2))
+        x, y = self.numbers(2)
+        return x, y
 
-    def points(self, least: int) -> Floats:
-        """Return points (N, 2) m, N >= `least`."""
+    def polyline(self, least: int = 0) -> tuple[tuple[float, float], ...]:
+        """Return at least so many points, m."""
         items = self.entries()
         if len(items) < least:
             raise self.error(f"{self.name} must be at least {least} points [x, y], got {len(items)}")
-        return np.array([item.point() for item in items])
+        return tuple(item.pair() for item in items)
+
+    def point(self) -> Floats:
+        """Return a point (2,) m."""
+        return np.array(self.pair(), dtype=np.float64)
+
+    def points(self, least: int) -> Floats:
+        """Return points (N, 2) m, N >= `least`."""
+        return np.array(self.polyline(least), dtype=np.float64)
 
     def _shown(self) -> str:
         text = repr(self.value)
@@ -176,7 +184,7 @@ class DataEntry(Entry):
     def __init__(
         self, value: Any, name: str, kind: type[CoopsimError], above: DataEntry | None = None, key: str | int = ""
     ) -> None:
-        self.name, self.kind = name, kind  # a town has ten thousand entries: no call of the base class
+        super().__init__(name, kind)
         self._value, self._above, self._key = value, above, key
 
     @property
@@ -203,29 +211,13 @@ class DataEntry(Entry):
             return None
         return {key: DataEntry(item, key, self.kind, self, key) for key, item in self._value.items()}
 
+    def part(self, *keys: str | int) -> DataEntry:
+        found = self
+        for key in keys:
+            has = isinstance(found._value, dict) if isinstance(key, str) else isinstance(found._value, list)
+            value = found._value[key] if has and (isinstance(key, int) or key in found._value) else None
+            found = DataEntry(value, found.name if isinstance(key, int) else key, self.kind, found, key)
+        return found
+
     def scalar(self) -> str | None:
         return str(self._value) if isinstance(self._value, (str, int)) and not isinstance(self._value, bool) else None
-
-    def numbers(self, count: int | None = None) -> list[float]:
-        value = self._value
-        usual = isinstance(value, list) and (count is None or len(value) == count)
-        if usual and all(type(item) is float and -np.inf < item < np.inf for item in value):
-            return list(value)
-        return super().numbers(count)
-
-    def point(self) -> Floats:
-        return np.array(self._value) if _is_point(self._value) else super().point()
-
-    def points(self, least: int) -> Floats:
-        value = self._value
-        if isinstance(value, list) and len(value) >= least and all(_is_point(item) for item in value):
-            return np.array(value)
-        return super().points(least)
-
-
-def _is_point(value: Any) -> bool:
-    """Return whether a value is a list of two finite floats, as most are: they need no further checks."""
-    if type(value) is not list or len(value) != 2:
-        return False
-    x, y = value
-    return type(x) is float and type(y) is float and abs(x) < np.inf and abs(y) < np.inf

@@ -13,7 +13,7 @@ from typing import Any, Self
 import yaml
 from yaml.constructor import ConstructorError, SafeConstructor
 
-from coopsim.config.checked_entry import ROOT, Entry, plain
+from coopsim.config.checked_entry import ROOT, Entry
 from coopsim.errors import CoopsimError
 
 PATH_KEYS = ("channel", "lidar", "localization", "path", "pattern", "playback")
@@ -82,10 +82,9 @@ class FileEntry(Entry):
         name: see `Entry`.
         line: line of the key, from 1.
         kind: see `Entry`.
-        names: nodes that were asked for as names; shared by all entries of a file.
     """
 
-    __slots__ = ("_names", "file", "line", "node")
+    __slots__ = ("file", "line", "node")
 
     def __init__(
         self,
@@ -94,33 +93,25 @@ class FileEntry(Entry):
         name: str,
         line: int,
         kind: type[CoopsimError],
-        names: set[yaml.Node] | None = None,
     ) -> None:
         super().__init__(name, kind)
         self.file, self.node, self.line = file, node, line
-        self._names = set() if names is None else names
 
     @property
     def value(self) -> Any:
         """The value as plain Python; mappings are of the class `Section`."""
-        return self._plain((), as_read=False)
+        return self._plain(())
 
-    @property
-    def as_read(self) -> Any:
-        return plain(self._plain((), as_read=True))
-
-    def _plain(self, above: tuple[yaml.Node, ...], *, as_read: bool) -> Any:
+    def _plain(self, above: tuple[yaml.Node, ...]) -> Any:
         if self.node in above:
             raise self.error("an alias is part of what it stands for")
         above = (*above, self.node)
         named, items = self.pairs(), self.items()
         if named is not None:
-            content = {name: entry._plain(above, as_read=as_read) for name, entry in named.items()}
+            content = {name: entry._plain(above) for name, entry in named.items()}
             return Section(content, self.file, self.line, {name: entry.line for name, entry in named.items()})
         if items is not None:
-            return [item._plain(above, as_read=as_read) for item in items]
-        if as_read and self.node in self._names:
-            return str(self.node.value)
+            return [item._plain(above) for item in items]
         try:
             return SafeConstructor().construct_document(self.node)
         except yaml.MarkedYAMLError as error:
@@ -148,14 +139,23 @@ class FileEntry(Entry):
             return None
         return [self._within(item, self.name, item.start_mark.line + 1) for item in self.node.value]
 
+    def part(self, *keys: str | int) -> FileEntry:
+        found = self
+        for key in keys:
+            items, named = found.items(), found.pairs()
+            if items is not None and isinstance(key, int):
+                found = items[key]
+            elif named is not None and key in named:
+                found = named[str(key)]
+        return found
+
     def scalar(self) -> str | None:
         if not isinstance(self.node, yaml.ScalarNode):
             return None
-        self._names.add(self.node)
         return str(self.node.value)
 
     def _within(self, node: yaml.Node, name: str, line: int) -> FileEntry:
-        return FileEntry(self.file, node, name, line, self.kind, self._names)
+        return FileEntry(self.file, node, name, line, self.kind)
 
 
 def read_yaml(path: Path, kind: type[CoopsimError]) -> FileEntry:

@@ -20,7 +20,7 @@ from coopsim.support.checks import (
     require_probability,
 )
 from coopsim.support.precision import PRECISIONS
-from coopsim.support.user_code import code_in, names_file
+from coopsim.support.user_code import code_in, names_code, names_file
 
 _FOLDER = Path(__file__).parent / "recipes"
 
@@ -35,20 +35,22 @@ class Kind(NamedTuple):
         task: module and class of the task, in `coopsim.learn.tasks`.
         dt_s: time between two frames of its held-out clips.
         has_teacher: a recipe may name a teacher.
+        has_maps: its heads read maps of points, so a recipe may name losses of a user.
     """
 
     task: str
     dt_s: float = 0.2
     has_teacher: bool = False
+    has_maps: bool = False
 
 
 KINDS: Mapping[str, Kind] = {
-    "detector": Kind("detector_task.DetectorTask", dt_s=0.5),
+    "detector": Kind("detector_task.DetectorTask", dt_s=0.5, has_maps=True),
     "pictures": Kind("pictures_task.PicturesTask", dt_s=0.5),
     "points_and_pictures": Kind("pictures_task.PicturesTask", dt_s=0.5),
-    "cooperative": Kind("cooperative_task.CooperativeTask", has_teacher=True),
-    "flow": Kind("cooperative_task.FlowTask", has_teacher=True),
-    "together": Kind("cooperative_task.TogetherTask", has_teacher=True),
+    "cooperative": Kind("cooperative_task.CooperativeTask", has_teacher=True, has_maps=True),
+    "flow": Kind("cooperative_task.FlowTask", has_teacher=True, has_maps=True),
+    "together": Kind("cooperative_task.TogetherTask", has_teacher=True, has_maps=True),
     "covariance": Kind("covariance_task.CovarianceTask"),
     "seen_covariance": Kind("covariance_task.SeenCovarianceTask"),
     "point_identity": Kind("identity_task.PointIdentityTask", has_teacher=True),
@@ -82,7 +84,8 @@ class TrainingRecipe:
         average: decay of the moving average of the weights, which are saved.
         slower: factors on the learning rate of parameters, by the beginning of their names, such as "head": 0.1.
         loss: weights of parts of the loss, by name, that differ from `coopsim.learn.losses.head_losses.WEIGHTS`; with 0
-            a part is shown and teaches nothing, such as "label": 0 to learn images without classes.
+            a part is shown and teaches nothing, such as "label": 0 to learn images without classes. A place,
+            `file.py:Class` or `module:Class`, adds a part of yours, see `coopsim.learn.losses.own_losses`.
         precision: precision of the arithmetic, see `coopsim.support.precision`; the weights themselves are float32.
             "auto": that of `COOPSIM_PRECISION`, or else bfloat16 where the device has it.
         threads: threads of torch; only the same number of them gives the same bits.
@@ -136,6 +139,7 @@ class TrainingRecipe:
                 f"teacher must be none with kind: {self.kind}, got {self.teacher!r}: it is for fusions, and for an "
                 "identity from points"
             )
+        self._check_losses()
         require_count(
             1,
             held_out=self.held_out,
@@ -154,7 +158,13 @@ class TrainingRecipe:
                 raise InvalidValueError(f"{each} must be names and values, got {getattr(self, each)!r}")
         for name, factor in self.slower.items():
             require_between(0, 1, **{f"slower {name}": factor})
+
+    def _check_losses(self) -> None:
         require_non_negative(**{f"loss {name}": weight for name, weight in self.loss.items()})
+        own = next(filter(names_code, self.loss), None)
+        if own is not None and not KINDS[self.kind].has_maps:
+            kinds = ", ".join(name for name, kind in KINDS.items() if kind.has_maps)
+            raise InvalidValueError(f"loss {own!r} must be left out with kind: {self.kind}; accepted: with {kinds}")
 
     def as_data(self) -> dict[str, Any]:
         """Return the recipe as plain data."""
@@ -180,7 +190,8 @@ class TrainingRecipe:
 def find_recipe(recipe: TrainingRecipe | str | Path, *, trust: bool = False) -> TrainingRecipe:
     """Return a recipe by the name of a shipped one or the path of a YAML file.
 
-    `trust` lets a file name code to run, as the place of a fusion, `file.py:Class`, which is relative to the file.
+    `trust` lets a file name code to run, as the place of a fusion or a loss, `file.py:Class`, which is relative to the
+    file.
 
     Raises:
         UnknownNameError: there is no such recipe, or a key is unknown.
@@ -207,13 +218,22 @@ def find_recipe(recipe: TrainingRecipe | str | Path, *, trust: bool = False) -> 
 
 
 def _place_code(content: Section, path: Path, trust: bool) -> None:
-    """Refuse code that a file names without trust, and find the file of a fusion beside the recipe's."""
+    """Refuse code that a file names without trust, and find files of a fusion and of losses beside the recipe's."""
     for key, value in content.items():
         if (code := code_in(value)) is not None and not trust:
             problem = f"a recipe's file names code to run, {code!r}: give it by --option, or add --trust"
             raise InvalidValueError(problem).at(content.place(key))
-    network = content.get("network")
-    fusion = network.get("fusion") if isinstance(network, Mapping) else None
-    if isinstance(fusion, str) and names_file(fusion):
-        file, _, name = fusion.rpartition(":")
-        content["network"]["fusion"] = f"{path_from(path.parent, file)}:{name}"
+    network, losses = content.get("network"), content.get("loss")
+    if isinstance(network, Mapping) and isinstance(fusion := network.get("fusion"), str):
+        content["network"]["fusion"] = _beside(path, fusion)
+    if isinstance(losses, Mapping):
+        for name in [name for name in losses if names_file(str(name))]:
+            content["loss"][_beside(path, name)] = content["loss"].pop(name)
+
+
+def _beside(path: Path, name: str) -> str:
+    """Return the place of code in a file, which is relative to that of the recipe; other names as they are."""
+    if not names_file(name):
+        return name
+    file, _, name = name.rpartition(":")
+    return f"{path_from(path.parent, file)}:{name}"

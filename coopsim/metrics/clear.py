@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -121,6 +122,20 @@ def count_clear(
     return total, np.concatenate(scores)
 
 
+def _count_by_threshold(
+    sequences: Sequence[NumberedSequence], thresholds: Sequence[float], *, adjacent_switches: bool = False
+) -> list[Clear]:
+    """Count at each threshold; those that leave the same tracks, as of few tracks most do, are counted once."""
+    counts: dict[int, Clear] = {}
+    found = []
+    for threshold in thresholds:
+        left = sum(int(np.count_nonzero(sequence.mean_score >= threshold)) for sequence in sequences)
+        if left not in counts:
+            counts[left], _ = count_clear(sequences, threshold=threshold, adjacent_switches=adjacent_switches)
+        found.append(counts[left])
+    return found
+
+
 def _ratio(part: float, whole: float) -> float:
     return part / whole if whole else 0.0
 
@@ -143,7 +158,7 @@ class OperatingPoint:
     clear: Clear
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class RecallSweep:
     """AB3DMOT's averages over recall (Weng et al., IROS 2020, sec. IV): CLEAR at all levels that a tracker reaches.
 
@@ -177,7 +192,7 @@ class RecallSweep:
         """Mean MOTP over 40 levels; an unreached level counts 0."""
         return sum(point.clear.motp for point in self.points) / RECALL_POINTS
 
-    @property
+    @cached_property
     def best(self) -> Clear:
         """CLEAR at the level with the highest MOTA, as in AB3DMOT's tables; of all tracks without levels."""
         candidates = [point.clear for point in self.points]
@@ -192,10 +207,9 @@ class RecallSweep:
 def sweep_recall(sequences: Sequence[NumberedSequence]) -> RecallSweep:
     """Compute CLEAR at every level of recall."""
     all_tracks, scores = count_clear(sequences)
-    points = []
-    for recall, threshold in recall_thresholds(scores, all_tracks.gt):
-        clear, _ = count_clear(sequences, threshold=threshold, adjacent_switches=True)
-        points.append(OperatingPoint(recall, threshold, clear))
+    levels = recall_thresholds(scores, all_tracks.gt)
+    counts = _count_by_threshold(sequences, [threshold for _, threshold in levels], adjacent_switches=True)
+    points = (OperatingPoint(*level, clear) for level, clear in zip(levels, counts, strict=True))
     return RecallSweep(all_tracks, tuple(points))
 
 
@@ -250,7 +264,7 @@ class NearSweep:
 def sweep_near(sequences: Sequence[NumberedSequence]) -> NearSweep:
     """Count at every level of recall; the pairs' similarity is 1 - distance / 2 m."""
     thresholds = score_thresholds(_match_scores(sequences), sum(len(each.arrays.truth) for each in sequences))
-    levels = [count_clear(sequences, threshold=threshold)[0] for threshold in thresholds]
+    levels = _count_by_threshold(sequences, thresholds)
     missing = len(RECALLS) - len(levels)
     distances = [NEAR_M * (1.0 - level.motp) for level in levels]
     best = max(reversed(levels), key=lambda level: max(level.mota, 0.0), default=None)

@@ -1,11 +1,9 @@
-"""Methods: which of two a subclass overrides, references to an object's own methods, and garbage collection."""
+"""Methods: which of two a subclass overrides, and references to an object's own methods."""
 
 from __future__ import annotations
 
-import gc
 import weakref
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any, Generic, ParamSpec, TypeVar
 
 P = ParamSpec("P")
@@ -33,19 +31,3 @@ def is_newer(cls: type, one: str, batch: str) -> bool:
     """Return whether a class has a newer method `one` than `batch`, its counterpart for all at once."""
     place = {name: next(k for k, each in enumerate(cls.__mro__) if name in vars(each)) for name in (one, batch)}
     return place[one] < place[batch]
-
-
-@contextmanager
-def garbage_collection_paused() -> Iterator[None]:
-    """Let Python not look for unused cycles of objects in a block that makes many objects and no cycles.
-
-    Python looks for them each time that some hundred objects have been made, now and then among all that there are.
-    Where tens of thousands are made that stay, as in a description of a place, that takes a fifth of the time.
-    """
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_enabled:
-            gc.enable()

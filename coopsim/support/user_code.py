@@ -64,10 +64,12 @@ def names_code(text: str) -> bool:
 
 
 def code_in(content: Any) -> str | None:
-    """Return the first text in plain data that names code to run, such as that of a planner; None: there is none."""
+    """Return the first text in plain data, keys among it, that names code to run; None: there is none."""
     if isinstance(content, str):
         return content if names_code(content) else None
-    parts = content.values() if isinstance(content, Mapping) else content if isinstance(content, (list, tuple)) else ()
+    if isinstance(content, Mapping):
+        content = [*content, *content.values()]
+    parts = content if isinstance(content, (list, tuple)) else ()
     return next((found for part in parts if (found := code_in(part)) is not None), None)
 
 

@@ -16,7 +16,7 @@ from coopsim.geometry.se3 import SE3
 from coopsim.testing.harness import SMALL, name_of, require_own_state, untouched
 from coopsim.types import Detections
 
-_FRAMES, _AGENT = 15, "cav_0"
+_FRAMES, _HOSTILE, _MANY, _AGENT = 15, 6, 20, "cav_0"
 
 _Answers = Sequence[tuple[Mapping[str, float], list[list[float]]]]
 
@@ -44,7 +44,7 @@ def check_defense(
     made = make_defense(defense)
     assert make_defense(defense) is not made, f"{name} must make a new defense for each receiver"
     heard = _receptions()
-    honest, hostile = [_agreeing(each) for each in heard], [_absurd(each, k) for k, each in enumerate(heard)]
+    honest, hostile = [_agreeing(each) for each in heard], [_absurd(each, k) for k, each in enumerate(heard[:_HOSTILE])]
 
     def judge(defense: Defense, episode: Sequence[Reception]) -> _Answers:
         return _judged(defense, name, episode)
@@ -88,7 +88,7 @@ def _agreeing(reception: Reception) -> Reception:
 def _absurd(reception: Reception, number: int) -> Reception:
     """Return a reception with no messages, many senders, late stamps, and objects that cannot be."""
     rng = np.random.default_rng(number)
-    claims = [_absurd_claim(claim, rng) for claim in reception.claims] * (0, 1, 100)[number % 3]
+    claims = [_absurd_claim(claim, rng) for claim in reception.claims] * (0, 1, _MANY)[number % 3]
     claims = [replace(c, message=replace(c.message, sender=f"{c.sender}_{k}")) for k, c in enumerate(claims)]
 
     def find(senders: object) -> Detections:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -12,6 +11,7 @@ from typing import Any
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.support.checks import require_choice, require_non_negative
 from coopsim.support.registry import Registry
+from coopsim.world.custom.place import place_from
 from coopsim.world.furniture.furnish import furnished_for
 from coopsim.world.models import Model, make_models
 from coopsim.world.places.crossings import (
@@ -21,9 +21,11 @@ from coopsim.world.places.crossings import (
     make_roundabout,
     make_t_junction,
 )
+from coopsim.world.places.description import PlaceDescription
 from coopsim.world.places.highway import make_highway, make_platoon
 from coopsim.world.places.layout import Layout
 from coopsim.world.places.merge import make_merge
+from coopsim.world.places.place import Place as Place
 from coopsim.world.places.urban_grid import make_urban_grid
 from coopsim.world.population import Population, require_one_of_each
 from coopsim.world.script import Script
@@ -44,7 +46,7 @@ class Scenario:
         layout: the place.
         population: the requested numbers, as far as they fit.
         detail: one of `DETAILS`.
-        description: plain data that `coopsim.world.custom.place` reads; None: the place is built in.
+        description: it was built from this; None: the place is built in.
         place_seed: seed that the place was drawn from; None: it was not drawn.
         script: vehicles on the roads, and people beside those of the population, who are not drawn; the population's
             numbers of moving vehicles and of connected cars are the script's. None: all are drawn.
@@ -57,7 +59,7 @@ class Scenario:
     layout: Layout
     population: Population
     detail: str = "plain"
-    description: Mapping[str, Any] | None = field(default=None, repr=False)  # of hundreds of lines
+    description: PlaceDescription | None = field(default=None, repr=False)  # of hundreds of lines
     place_seed: int | None = None
     script: Script | None = None
 
@@ -123,27 +125,28 @@ DENSE = (
 """Numbers of vehicles and people, which `density` multiplies."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Place:
-    """A place with its usual population.
-
-    Attributes:
-        name: name of the scenario.
-        make_layout: builds the layout.
-        population: its usual numbers.
-        description: plain data as under `place` in a scenario file, not to be changed; None: the place is built in.
-    """
-
-    name: str
-    make_layout: Callable[[], Layout]
-    population: Population
-    description: Mapping[str, Any] | None = field(default=None, repr=False)  # of hundreds of lines
-
-
 NUMBERS = ("density", *(field.name for field in fields(Population)))
 """Keywords of `make_scenario`."""
 
-SCENARIOS: Registry[Place] = Registry("scenario")
+
+class ScenarioRegistry(Registry[Place]):
+    """Places by name. What is registered may also be a description, or a function that returns one or a place."""
+
+    def get(self, name: str) -> Place:
+        """Return the place called `name`, which is built when it is first asked for."""
+        found: Any = super().get(name)
+        if isinstance(found, Place):
+            return found
+        made = found() if callable(found) else found
+        if not isinstance(made, (Place, PlaceDescription)):
+            accepted = "a PlaceDescription, or a function that returns one"
+            raise InvalidValueError(f"scenario {name!r} must be {accepted}, got {type(made).__name__}")
+        self._entries[name] = made if isinstance(made, Place) else place_from(made, name)
+        return self._entries[name]
+
+
+SCENARIOS = ScenarioRegistry("scenario", group="coopsim.places")
+"""Places by name. Installed packages add theirs through the entry-point group `coopsim.places`."""
 
 
 def _register(name: str, make_layout: Callable[[], Layout], population: Population) -> None:
@@ -168,7 +171,7 @@ def make_scenario(place: str | Place, *, density: float = 1.0, detail: str | Non
     Args:
         place: registered name, or a custom place.
         density: factor on the numbers of vehicles and people, but not of agents.
-        detail: one of `DETAILS`; None: "full" for a described place with the key `furniture`, "plain" for others.
+        detail: one of `DETAILS`; None: "full" for a described place with `furniture`, "plain" for others.
         **numbers: fields of `Population`. Without `connected_cars`, all cars are connected where there are fewer cars
             than the place's usual number of connected ones.
 
@@ -187,8 +190,8 @@ def make_scenario(place: str | Place, *, density: float = 1.0, detail: str | Non
     detail = detail or usual_detail(found)
     layout, population = found.make_layout(), Population(**wanted)
     # Names of described places hold those of their files, which may change.
-    identity = found.name if found.description is None else json.dumps(found.description, sort_keys=True)
-    if detail != "plain" and "furniture" not in (found.description or ()):
+    identity = found.name if found.description is None else found.description.identity
+    if detail != "plain" and (found.description is None or found.description.furniture is None):
         layout = furnished_for(identity, layout)
     if detail == "street":
         layout = street_for(identity, layout, park=not population.parked)
@@ -212,7 +215,7 @@ def wanted_numbers(name: str, usual: Population, density: float, numbers: Mappin
 
 def usual_detail(place: Place) -> str:
     """Return the detail of a place for which none is asked: "full" if its description says what stands there."""
-    return "full" if place.description is not None and "furniture" in place.description else "plain"
+    return "full" if place.description is not None and place.description.furniture is not None else "plain"
 
 
 def _is_count(value: object) -> bool:

@@ -31,6 +31,7 @@ from coopsim.errors import CoopsimError, ScenarioFileError
 from coopsim.support.checks import require_choice
 from coopsim.support.user_code import code_in
 from coopsim.world.custom.place import read_place, write_place_file
+from coopsim.world.places.description import PlaceDescription
 from coopsim.world.places.layout import Layout
 from coopsim.world.population import Population
 from coopsim.world.scenario import SCENARIOS, Place
@@ -126,12 +127,12 @@ def load_scenario_file(path: str | Path) -> ScenarioFile:
     return ScenarioFile(content, _scenario(root, top), keywords)
 
 
-def write_scenario_file(path: str | Path, description: Mapping[str, Any], **content: Any) -> Path:
+def write_scenario_file(path: str | Path, description: PlaceDescription | Mapping[str, Any], **content: Any) -> Path:
     """Write a scenario file with a place that reads back to the same numbers, bit by bit.
 
     Args:
         path: the file; an older one is replaced.
-        description: description of the place, as `Place.description`.
+        description: description of the place, as `Place.description`, or plain data as in a file.
         **content: other keys of the file, such as `population` and `options`, as plain data.
 
     Raises:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from representatives import all_of
 
 import coopsim
 from coopsim.cli.entry import make_parser
@@ -29,6 +30,9 @@ PAGES = {
 
 TRAINS = ("docs/learn/train_a_fusion.md", "18_train_your_own_fusion.py")
 """A page, and the example on it that takes too long here: CI runs it with all examples."""
+
+IN_EVERY_RUN = ("README.md", "docs/learn/start.md")
+"""Pages whose Python `make test` runs; `.ci/run` runs that of all others."""
 
 LEARNERS = "docs/learn/learners.md"
 """A page that runs libraries for learners; `test_learners.py` shows that these take our environments."""
@@ -97,7 +101,7 @@ def left_to_run(page: str) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "page", [pytest.param(page, marks=[pytest.mark.long] * (page == LEARNERS)) for page in PAGES if left_to_run(page)]
+    "page", all_of((page for page in PAGES if left_to_run(page)), *(page for page in IN_EVERY_RUN if left_to_run(page)))
 )
 def test_python_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In a process of its own where a page registers something, which would be there in all tests after it.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -9,12 +10,22 @@ import numpy as np
 import pettingzoo
 import pytest
 from pettingzoo.test import parallel_api_test, parallel_seed_test
+from representatives import all_of
 from small_env import SIMULATED, SMALL
 
 import coopsim
 from coopsim.types import seconds_to_ns
 
 Make = Callable[..., Any]
+
+OF_EACH_KIND = pytest.mark.parametrize("name", all_of(SIMULATED, "crossing", "highway", "town"))
+"""A junction of a layout, a road without junctions, and a drawn town."""
+
+CONTROLS = "traffic", "policy", "acceleration", "planner"
+WAYS = [*(("crossing", control) for control in CONTROLS), ("highway", "policy"), ("town", "planner")]
+OTHER_WAYS = [
+    pytest.param(*way, marks=pytest.mark.long) for way in itertools.product(SIMULATED, CONTROLS) if way not in WAYS
+]
 
 
 def assert_same(a: Any, b: Any, where: str = "") -> None:
@@ -43,8 +54,7 @@ def play(env: Any, seed: int, policy: str = "late_fusion") -> list[Any]:
     return history
 
 
-@pytest.mark.parametrize("name", SIMULATED)
-@pytest.mark.parametrize("control", ["traffic", "policy", "acceleration", "planner"])
+@pytest.mark.parametrize(("name", "control"), [*WAYS, *OTHER_WAYS])
 # Random tracks are rarely plausible; what they must not do is crash the scoring.
 @pytest.mark.filterwarnings("ignore:reset option 'options' is ignored")
 def test_parallel_api(make_small: Make, name: str, control: str) -> None:
@@ -57,7 +67,7 @@ def test_parallel_api_of_replay(recordings: Any) -> None:
     parallel_api_test(env, num_cycles=15)
 
 
-@pytest.mark.parametrize("name", SIMULATED)
+@OF_EACH_KIND
 def test_parallel_seed(make_small: Make, name: str) -> None:
     """It stops after one step; `test_same_seed_same_bits_step_after_step` does not. But it seeds the spaces."""
     parallel_seed_test(lambda: make_small(name, control="policy"), 5)
@@ -101,7 +111,8 @@ def test_agents_are_removed_when_the_episode_is_truncated(make_small: Make, name
 
 @pytest.mark.parametrize(
     ("name", "steps"),
-    [(name, 30) for name in SIMULATED]
+    [("crossing", 15), ("highway", 10), ("town", 10)]
+    + [pytest.param(name, 30, marks=pytest.mark.long) for name in SIMULATED]
     + [pytest.param(name, 200, marks=pytest.mark.long) for name in ("crossing", "highway")],
 )
 def test_same_seed_same_bits_step_after_step(make_small: Make, name: str, steps: int) -> None:
@@ -138,10 +149,11 @@ def test_another_seed_gives_another_episode(make_small: Make, name: str) -> None
     assert not np.array_equal(a["sweeps"]["lidar"], b["sweeps"]["lidar"])
 
 
-@pytest.mark.parametrize("name", SIMULATED)
+@OF_EACH_KIND
 @pytest.mark.parametrize("more", [{"connected_cars": 3}, {"rsus": 2}])
 def test_one_agent_more_leaves_the_others_as_they_were(make_small: Make, name: str, more: dict[str, int]) -> None:
-    noisy = {"position_noise_m": 0.2, "heading_noise_rad": 0.01, "latency_s": 0.05, "latency_jitter_s": 0.1}
+    noisy: dict[str, Any] = {"position_noise_m": 0.2, "heading_noise_rad": 0.01, "latency_s": 0.05}
+    noisy |= {"latency_jitter_s": 0.1, "max_cycles": 6}
     few = make_small(name, **noisy, connected_cars=2, rsus=1)
     many = make_small(name, **noisy, **({"connected_cars": 2, "rsus": 1} | more))
     old = few.possible_agents

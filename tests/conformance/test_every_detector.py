@@ -34,7 +34,9 @@ def test_the_detector_pillars(sweeps: int) -> None:
     check_detector(tiny_detector(sweeps))
 
 
-@pytest.mark.parametrize("cameras", ["surround_6", {"cav_0": "front", "rsu": "surround"}])
+@pytest.mark.parametrize(
+    "cameras", [pytest.param("surround_6", marks=pytest.mark.long), {"cav_0": "front", "rsu": "front"}]
+)
 @pytest.mark.parametrize("name", ["lift_splat", "points_and_pictures"])
 def test_detectors_with_cameras(name: str, cameras: Any) -> None:
     pytest.importorskip("torch")

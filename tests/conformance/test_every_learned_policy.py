@@ -32,11 +32,14 @@ from coopsim.testing import check_policy, check_uplink
 from coopsim.types import BevGrid, Detections, FeatureMap, Message, Observation, Odometry, PoseEstimate, Sweep, Tracks
 
 NAMES = sorted({*coopsim.POLICIES.names()} - {*policies_on_boxes(), "truth", "yoloo"})
-FAMILIES = ("attfuse", "cooptrack", "dino_codt", "early", "ff_tracking", "vic_integrated", "where2comm")
+FAMILIES = ("cooptrack", "dino_codt", "early", "ff_tracking", "vic_integrated", "where2comm")
 """One policy of each kind of message and of tracking. The other maps differ by their fusion alone."""
 EVERY = pytest.mark.parametrize("name", all_of(NAMES, *FAMILIES))
+OF_EACH_MESSAGE = pytest.mark.parametrize("name", all_of(NAMES, "cooptrack", "dino_codt", "early", "where2comm"))
+"""For what takes whole episodes, one policy of each kind of message."""
 IN_BOTH = pytest.mark.parametrize("arithmetic", ["float32", "bfloat16"], indirect=True)
-EVERY_FUSION = pytest.mark.parametrize("name", all_of(FUSIONS, "attfuse", "ff_tracking", "where2comm"))
+IN_BOTH_IF_LONG = pytest.mark.parametrize("arithmetic", all_of(["float32", "bfloat16"], "float32"), indirect=True)
+EVERY_FUSION = pytest.mark.parametrize("name", all_of(FUSIONS, "ff_tracking", "where2comm"))
 EVERY_QUERY = pytest.mark.parametrize("name", all_of(QUERIES, "cooptrack"))
 ELSEWHERE, HIDDEN = (30.0, 2.0, 0.0, 1.0), (20.0, -18.0)
 SMALL: dict[str, Any] = {"vehicles": 8, "lidar": "VLP-16", "lidar_columns": 256, "max_cycles": 4, "detector": "none"}
@@ -90,8 +93,8 @@ def require_same(one: list[Tracks], other: list[Tracks]) -> None:
         np.testing.assert_array_equal(a.boxes.array, b.boxes.array)
 
 
-@IN_BOTH
-@EVERY
+@IN_BOTH_IF_LONG
+@OF_EACH_MESSAGE
 def test_policy(name: str) -> None:
     check_policy(lambda: make(name), max_cycles=3, vehicles=6)
 
@@ -311,8 +314,8 @@ def test_no_agent_is_its_own_object_where_it_was_when_late_messages_were_capture
         assert len(policy.detections("cav_0")) == left
 
 
-@IN_BOTH
-@EVERY
+@IN_BOTH_IF_LONG
+@OF_EACH_MESSAGE
 def test_no_truth_reaches_a_network(name: str) -> None:
     def tracks(truth: str, seed: int) -> list[Any]:
         policy, rng = make(name), np.random.default_rng(seed)
@@ -351,7 +354,7 @@ def test_turning_the_agent_turns_nothing_in_the_world(name: str) -> None:
         np.testing.assert_allclose(other, found[0], atol=0.05)
 
 
-@EVERY
+@OF_EACH_MESSAGE
 def test_messages_keep_within_a_budget(name: str, sizes: list[int]) -> None:
     for budget_bytes in (1000, 3000):
         sizes.clear()
@@ -371,7 +374,7 @@ def test_a_codec_that_was_asked_for_is_taken(name: str) -> None:
         coopsim.evaluate(policy, seed=1, codec="features", budget_bytes=1000, **SMALL)
 
 
-@EVERY
+@OF_EACH_MESSAGE
 def test_points_are_encoded_and_messages_decoded_once(name: str) -> None:
     """And the boxes by which poses are corrected are found in a message once, whoever receives it."""
     policy = make(name, align=True)
@@ -421,7 +424,9 @@ def test_wrong_settings_are_refused(name: str, settings: dict[str, Any], error: 
         make(name, **settings)
 
 
-@pytest.mark.parametrize("tracker", sorted({*policies_on_boxes()} - {"track_to_track"}))
+@pytest.mark.parametrize(
+    "tracker", all_of(sorted({*policies_on_boxes()} - {"track_to_track"}), "coop_fuse", "late_fusion")
+)
 def test_any_tracker_tracks_what_a_network_finds(tracker: str) -> None:
     policy = make("fcooper", tracker=tracker, least_score=0.1)
     assert len(frames(policy, lambda k: [said(policy, k * FRAME_NS)])[-1])
@@ -445,7 +450,7 @@ def test_alignment_follows_a_moving_agent_once_a_frame(name: str) -> None:
     np.testing.assert_allclose(heard.odom_SE3_sender.translation[:2], ELSEWHERE[:2], atol=1e-3)
 
 
-@EVERY
+@OF_EACH_MESSAGE
 def test_a_policy_ends_when_nobody_has_it_any_more(name: str) -> None:
     """With all its maps, without waiting for Python to look for cycles, after an episode with messages."""
     policy = make(name)

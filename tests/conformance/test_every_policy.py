@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from representatives import all_of
 
 import coopsim
 from coopsim.agents.boxes import AB3DMOTTracking
@@ -27,6 +28,8 @@ NAMES = (*policies_on_boxes(), "yoloo")
 """Policies that cannot do without sensor data are in `test_every_learned_policy.py`."""
 
 EVERY = pytest.mark.parametrize("name", NAMES)
+FAMILIES = ("no_fusion", "late_fusion", "coop_fuse", "graph_lap_tsa", "dmstrack", "track_to_track", "yoloo")
+"""One policy of each way to associate and of each content of messages, for what takes whole episodes."""
 
 WAYS = [(name, late) for name in NAMES for late in DELAYED.names()]
 WAYS.remove(("track_to_track", "replay"))  # tracks that others report cannot be tracked again
@@ -87,7 +90,7 @@ def require_same(one: list[Tracks], other: list[Tracks], atol_m: float = 0.0) ->
         np.testing.assert_allclose(a.boxes.array, b.boxes.array, rtol=0, atol=atol_m)
 
 
-@EVERY
+@pytest.mark.parametrize("name", all_of(NAMES, *FAMILIES))
 def test_policy(name: str) -> None:
     check_policy(lambda: make(name), **({"lidar": "VLP-16"} if name == "yoloo" else {}))
 
@@ -116,9 +119,8 @@ class Overhearing(AB3DMOTTracking):
 @pytest.mark.parametrize("cheat", [Telepathic, Overhearing])
 def test_a_policy_that_passes_knowledge_beside_the_channel_is_refused(cheat: type[coopsim.Policy]) -> None:
     message = "without the others' observations, as messages are all it gets: the tracks of "
-    for policy in (cheat, cheat()):
-        with pytest.raises(AssertionError, match=message):
-            check_policy(policy)
+    with pytest.raises(AssertionError, match=message):
+        check_policy(cheat if cheat is Telepathic else cheat())
 
 
 @EVERY

@@ -89,21 +89,21 @@ def test_a_report_stays_in_its_folder(tmp_path: Path, capsys: pytest.CaptureFixt
         publish(tmp_path / "own", [*hostile, *cells], clips=0, with_plots=True)
 
 
+@pytest.mark.usefixtures("jobs_here")
 def test_a_stored_cell_is_the_one_that_was_asked_for(code: tuple[str, Path], tmp_path: Path) -> None:
     """A forged file under the key of a cell of ours would put its policy into our results, and into our clips."""
     from coopsim.bench.benchmark import benchmark
-    from coopsim.bench.engine.engine import Engine
 
     policy, trace = code
     grid = Grid(("no_fusion",), frames=2, options=OPTIONS)
-    (ours,) = benchmark(grid, tmp_path, engine=Engine(workers=1))
+    (ours,) = benchmark(grid, tmp_path)
     (path,) = (tmp_path / "cells").glob("*.parquet")
     from coopsim.bench.store.store import decode
 
     _, decided_by = decode(path.read_bytes())
     Store(tmp_path).put(replace(ours, cell=replace(ours.cell, policy=policy)), decided_by)
     broken: list[Exception] = []
-    (again,) = benchmark(grid, tmp_path, engine=Engine(workers=1), on_broken=broken.append)
+    (again,) = benchmark(grid, tmp_path, on_broken=broken.append)
     assert again.cell == ours.cell and "of another cell" in str(broken[0]) and not trace.exists()
 
 

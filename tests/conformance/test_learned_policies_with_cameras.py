@@ -9,6 +9,8 @@ import pytest
 
 pytest.importorskip("torch")
 
+from jobs_here import no_workers
+from representatives import all_of
 from tiny_networks import TINY, learned, save_pictures, tiny_picture_detector, weights_folder
 
 import coopsim
@@ -39,18 +41,18 @@ def make(name: str = "attfuse", **settings: Any) -> Any:
     return coopsim.make_policy(name, **learned(name, **settings))
 
 
-@pytest.mark.parametrize("name", ["attfuse", "where2comm", "v2x_vit"])
+@pytest.mark.parametrize("name", all_of(["attfuse", "where2comm", "v2x_vit"], "attfuse"))
 def test_policy_on_pictures(name: str) -> None:
     check_policy(lambda: make(name, sensors="pictures"), max_cycles=3, vehicles=6, cameras=CAMERAS, renderer="raycast")
 
 
-@pytest.mark.parametrize("name", ["fcooper", "where2comm"])
+@pytest.mark.parametrize("name", all_of(["fcooper", "where2comm"], "where2comm"))
 def test_policy_on_what_each_agent_has(name: str) -> None:
     given = {**MIXED, "vehicles": 6, "rsus": 2, "cameras": {"rsu_0": CAMERAS}}  # rsu_1 has nothing
     check_policy(lambda: make(name, sensors="mixed"), **given)
 
 
-@pytest.mark.parametrize("name", ["attfuse", "dino_codt", "early"])
+@pytest.mark.parametrize("name", all_of(["attfuse", "dino_codt", "early"], "early"))
 def test_policy_on_points_and_pictures(name: str) -> None:
     given: dict[str, Any] = {"max_cycles": 3, "vehicles": 6, "cameras": CAMERAS, "renderer": "raycast"}
     check_policy(lambda: make(name, sensors="both"), **given)
@@ -71,7 +73,11 @@ def test_their_uplinks() -> None:
     check_uplink(make(sensors="mixed"), cameras={"rsu": CAMERAS}, lidar_agents=["cav"], renderer="raycast")
 
 
-@pytest.mark.parametrize("cameras", ["surround_6", "front", CAMERAS, BENT], ids=["surround_6", "front", "own", "bent"])
+@pytest.mark.parametrize(
+    "cameras",
+    [pytest.param("surround_6", marks=pytest.mark.long), "front", CAMERAS, BENT],
+    ids=["surround_6", "front", "own", "bent"],
+)
 def test_any_rig_will_do(cameras: Any) -> None:
     policy = make(sensors="pictures")
     result = coopsim.evaluate(policy, seed=1, **SMALL | {"cameras": cameras, "max_cycles": 2})
@@ -133,7 +139,8 @@ def test_detection_is_measured_by_the_same_truth() -> None:
     policies = (f"fcooper({weights},sensors=pictures)", f"fcooper({weights})", "no_fusion")
     options = given | {"cameras": "front"}
     plan = DetectPlan(policies, seeds=(0,), frames=2, detector=tiny_picture_detector(), options=options, within_m=40.0)
-    rows = measure_detection(plan)
+    with no_workers():
+        rows = measure_detection(plan)
     assert [row["policy"] for row in rows] == list(policies)
     assert len({row["objects"] for row in rows}) == 1 and rows[0]["objects"] > 0
     assert all(row["bytes_per_message"] > 0 for row in rows[:2])

@@ -54,14 +54,14 @@ def hiding_edges(description: Mapping[str, Any], height_m: float = _EYE_M) -> tu
     """Return the starts and ends (N, 2) m of the edges of all buildings and walls that are higher than `height_m`."""
     starts, ends = [np.zeros((0, 2))], [np.zeros((0, 2))]
     for item in description.get("buildings", ()):
-        if item["height_m"] > height_m:
-            outline = np.array(item["outline"])
+        if item.height_m > height_m:
+            outline = np.array(item.outline)
             starts.append(outline)
             ends.append(np.roll(outline, -1, axis=0))
     for item in description.get("walls", ()):
-        if item["height_m"] > height_m:
-            starts.append(np.array(item["along"][:-1]))
-            ends.append(np.array(item["along"][1:]))
+        if item.height_m > height_m:
+            starts.append(np.array(item.along[:-1]))
+            ends.append(np.array(item.along[1:]))
     return np.concatenate(starts), np.concatenate(ends)
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 import psutil
 import pytest
 from interruptible import interruptible
+from jobs_here import RUN_LOCALLY, no_workers, run_here
 
 import coopsim
 from coopsim.bench.benchmark import Progress, benchmark
@@ -28,8 +29,8 @@ from coopsim.cli import INTERRUPTED, main
 from coopsim.errors import MissingDependencyError, StoreError
 
 FAST = {"vehicles": 6, "pedestrians": 2, "lidar": None}
-GRID = Grid(("no_fusion", "late_fusion"), latencies_ms=(0, 300), seeds=(0, 1), frames=8, options=FAST)
-SHORT = ["--frames", "8", "--clips", "0"]
+GRID = Grid(("no_fusion", "late_fusion"), latencies_ms=(0, 300), seeds=(0, 1), frames=5, options=FAST)
+SHORT = ["--frames", "5", "--clips", "0"]
 SHORT += [word for name, value in FAST.items() for word in ("--option", f"{name}={json.dumps(value)}")]
 FLAGS = ["--policies", "no_fusion,late_fusion", "--latencies-ms", "0,300", "--seeds", "0-1", *SHORT]
 
@@ -81,21 +82,10 @@ def trouble(tmp_path: Path) -> Path:
 def reference(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """Bytes of an uninterrupted run in this process."""
     folder = tmp_path_factory.mktemp("reference")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("coopsim.bench.engine.engine.run_locally", in_this_process)
+    with no_workers():
         results = benchmark(GRID, folder)
     assert [result.cell for result in results] == list(GRID.cells()) and not any(result.failed for result in results)
     return stored(folder)
-
-
-@pytest.fixture
-def quickly(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without processes, where it is not about them: to start one takes seconds."""
-    monkeypatch.setattr("coopsim.bench.engine.engine.run_locally", in_this_process)
-
-
-def in_this_process(jobs: Iterator[Job], workers: int) -> Generator[Outcome]:
-    yield from map(run_job, jobs)
 
 
 def stored(folder: Path) -> dict[str, bytes]:
@@ -130,7 +120,7 @@ def test_an_interrupt_tells_what_is_stored_where_no_bar_is_shown(
         yield from map(run_job, itertools.islice(jobs, 2))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("coopsim.bench.engine.engine.run_locally", interrupted)
+    monkeypatch.setattr(RUN_LOCALLY, interrupted)
     assert main(["bench", *FLAGS, "--out", str(tmp_path)]) == INTERRUPTED
     assert "interrupted; 2 of 8 cells are stored" in capsys.readouterr().err and len(stored(tmp_path)) == 2
 
@@ -146,13 +136,13 @@ def test_two_workers_give_the_bytes_of_one(reference: dict[str, bytes], tmp_path
     assert [(progress.stored, progress.done) for progress in again] == [(len(GRID), 0)]
     # It is what `evaluate` gives.
     (cell,) = (each for each in results if each.cell == GRID.cells()[-1])
-    here = coopsim.evaluate("late_fusion", seed=1, latency_s=0.3, max_cycles=8, **FAST)
+    here = coopsim.evaluate("late_fusion", seed=1, latency_s=0.3, max_cycles=5, **FAST)
     assert cell.values == dict(here.score.values) and cell.rewards.tolist() == here.rewards.tolist()
 
 
-@pytest.mark.usefixtures("quickly")
+@pytest.mark.usefixtures("jobs_here")
 def test_a_larger_grid_takes_what_is_there(reference: dict[str, bytes], tmp_path: Path) -> None:
-    small = Grid(("late_fusion",), latencies_ms=(300,), seeds=(1,), frames=8, options=FAST)
+    small = Grid(("late_fusion",), latencies_ms=(300,), seeds=(1,), frames=5, options=FAST)
     benchmark(small, tmp_path)
     seen: list[Progress] = []
     benchmark(GRID, tmp_path, on_progress=seen.append)
@@ -161,6 +151,24 @@ def test_a_larger_grid_takes_what_is_there(reference: dict[str, bytes], tmp_path
     assert [result.cell for result in Store(tmp_path).results()] == list(small.cells())
 
 
+def test_a_killed_command_goes_on_to_the_same_bytes(trouble: Path, tmp_path: Path, reference: dict[str, bytes]) -> None:
+    """Its workers end with it, and what is stored is kept."""
+    policies = f"late_fusion,{trouble}:Waits"
+    flags = ["--policies", policies, "--latencies-ms", "0,300", "--seeds", "0-1", *SHORT, "--workers", "1"]
+    Path(f"{trouble}.hold").touch()
+    process = start(tmp_path / "out", *flags)
+    wait_for_cells(tmp_path / "out", 1, process)
+    workers = psutil.Process(process.pid).children(recursive=True)
+    process.kill()
+    process.communicate(timeout=60)
+    wait_until_gone(workers)
+    (kept,) = stored(tmp_path / "out")
+    with no_workers():
+        benchmark(GRID, tmp_path / "out")
+    assert workers and kept in reference and reference.items() <= stored(tmp_path / "out").items()
+
+
+@pytest.mark.long  # eight processes
 def test_interrupted_killed_and_ended_by_two_commands_at_once(
     trouble: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -189,7 +197,7 @@ def test_interrupted_killed_and_ended_by_two_commands_at_once(
         assert process.returncode == 0 and "%" not in err and "Traceback" not in err  # no bar without a terminal
         assert out.count("written: ") == len(written(out_dir)) == 8 and "report.html" in out
         assert out.startswith("|   rank | policy ") and out.count("late_fusion") == 1  # the leaderboard
-    monkeypatch.setattr("coopsim.bench.engine.engine.run_locally", in_this_process)
+    monkeypatch.setattr(RUN_LOCALLY, run_here)
     assert main(["bench", *flags, "--out", str(tmp_path / "uninterrupted")]) == 0
     assert stored(out_dir) == stored(tmp_path / "uninterrupted")
     assert written(out_dir) == written(tmp_path / "uninterrupted")
@@ -208,7 +216,7 @@ def test_a_half_finished_folder_has_everything_and_goes_on_to_the_same_bytes(
         *("tables/undisturbed.tex", "tables/HOTA_latency.tex", "tables/HOTA_loss.tex"),
     }
     half, whole = tmp_path / "half", tmp_path / "whole"
-    monkeypatch.setattr("coopsim.bench.engine.engine.run_locally", interrupted)
+    monkeypatch.setattr(RUN_LOCALLY, interrupted)
     assert main([*command, "--out", str(half), "--workers", "2"]) == INTERRUPTED
     assert written(half) == {}
     report = ["report", str(half), "--clips", "0", "--metrics", "HOTA,sAMOTA"]
@@ -216,7 +224,7 @@ def test_a_half_finished_folder_has_everything_and_goes_on_to_the_same_bytes(
     unfinished = written(half)
     assert files - {"tables/HOTA_latency.tex", "tables/HOTA_loss.tex"} <= set(unfinished) <= files
     assert b"5 of 12 runs; 0 failed, 7 not run" in unfinished["protocol.txt"]
-    monkeypatch.setattr("coopsim.bench.engine.engine.run_locally", in_this_process)
+    monkeypatch.setattr(RUN_LOCALLY, run_here)
     for folder in (half, whole):
         assert main([*command, "--out", str(folder)]) == 0
     assert written(half) == written(whole) and set(written(whole)) == files
@@ -227,7 +235,7 @@ def test_a_half_finished_folder_has_everything_and_goes_on_to_the_same_bytes(
     assert main(report) == 0 and written(half) == before
 
 
-@pytest.mark.usefixtures("quickly")
+@pytest.mark.usefixtures("jobs_here")
 def test_a_broken_file_is_named_and_made_again(
     reference: dict[str, bytes], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -243,7 +251,7 @@ def test_a_broken_file_is_named_and_made_again(
 
 
 def test_a_failing_cell_is_recorded_and_the_rest_goes_on(
-    trouble: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    trouble: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     policies = ["--policy", f"{trouble}:Raises", "--policy", f"{trouble}:Dies", "--policy", f"{trouble}:Quiet"]
     command = ["bench", "--policies", "no_fusion", *policies, *SHORT, "--workers", "1", "--out", str(tmp_path)]
@@ -263,6 +271,7 @@ def test_a_failing_cell_is_recorded_and_the_rest_goes_on(
     assert main(command) == 1 and stored(tmp_path) == before
     assert "coopsim: failed: " not in capfd.readouterr().err  # it is not run again
     few = ["bench", "--policies", f"{trouble}:Raises", *SHORT, "--retry-failed", "--out", str(tmp_path)]
+    monkeypatch.setattr(RUN_LOCALLY, run_here)
     assert main(few) == 1 and stored(tmp_path) == before
     assert capfd.readouterr().err.count("coopsim: failed: ") == 1
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from representatives import all_of
 
 import coopsim
 from coopsim import Defense, Reception, Trust
 
 pytest.importorskip("torch")
 
-SHORT: dict[str, Any] = {"seed": 1, "max_cycles": 3, "vehicles": 8}
+SHORT: dict[str, Any] = {"seed": 1, "max_cycles": 3, "vehicles": 8, "lidar": "VLP-16", "lidar_columns": 256}
 
 
 class Believes(Defense):
@@ -33,7 +34,7 @@ class Asks(Defense):
         return Trust({})
 
 
-@pytest.mark.parametrize("name", ["attfuse", "cooptrack", "early", "vic_integrated"])
+@pytest.mark.parametrize("name", all_of(["attfuse", "cooptrack", "early", "vic_integrated"], "attfuse"))
 def test_networks_believe_whom_their_defense_believes(name: str) -> None:
     def score(defense: Any = None, **options: Any) -> dict[str, float]:
         policy = coopsim.make_policy(name, defense=defense)

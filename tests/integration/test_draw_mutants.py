@@ -52,10 +52,10 @@ def test_operators_numbers_and_functions_change_and_messages_and_types_do_not(sc
 
 
 def test_each_mutant_of_a_room_is_another_program(script: ModuleType) -> None:
-    drawn = script.draw(script.ROOT, "tracking", 300, seed=1)
+    drawn = script.draw(script.ROOT, "tracking", 60, seed=1)
     assert drawn[:20] == script.draw(script.ROOT, "tracking", 20, seed=1)
     assert drawn[:20] != script.draw(script.ROOT, "tracking", 20, seed=2)
-    assert len({each.path for each in drawn}) > 10
+    assert len({each.path for each in drawn}) > 5
     for mutant in drawn:
         source = (script.ROOT / mutant.path).read_bytes()
         assert ast.dump(ast.parse(mutant.applied(source))) != ast.dump(ast.parse(source))

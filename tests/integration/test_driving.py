@@ -113,7 +113,7 @@ def play(policy: str | None, seed: int, situation: str = "crossing_path", **opti
     return terminated["cav_0"], env.drives["cav_0"].drive
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
 def test_planners_drive_by_the_reported_tracks(seed: int) -> None:
     """Told nothing, the ego crashes into what comes from behind the corner; told the truth it does not."""
     told = play("truth", seed, expose_ground_truth=True)
@@ -130,13 +130,11 @@ def test_a_planner_gets_nothing_of_the_truth() -> None:
 
 def test_the_latency_of_messages_reaches_the_planner() -> None:
     """With late messages the track of the car behind the corner comes later, and so do the plans."""
-    options = {"lidar": None, "penetration": 1.0, "rsus": 1}
+    options = {"lidar": None, "penetration": 1.0, "rsus": 1, "max_cycles": 40}
     soon, late = (
-        [coopsim.evaluate("late_fusion", "crossing_path", seed=k, latency_s=each, **options).score for k in range(3)]
-        for each in (0.0, 1.5)
+        coopsim.evaluate("late_fusion", "crossing_path", seed=2, latency_s=each, **options).score for each in (0.0, 1.5)
     )
-    lead_s = [np.nanmean([score["lead_time"] for score in scores]) for scores in (soon, late)]
-    assert lead_s[0] - lead_s[1] > 1.0
+    assert soon["lead_time"] - late["lead_time"] > 1.0
 
 
 class Broken(Planner):
@@ -195,11 +193,11 @@ def test_gymnasium_and_wrappers_take_accelerations() -> None:
 
 def test_drives_are_logged_and_their_commands_replay_the_world(make_small: Make) -> None:
     """The accelerations that planners asked for, given as actions, make the same world to the bit."""
-    options = {"vehicles": 10, "max_cycles": 60, "connected_cars": 2}
+    options = {"vehicles": 10, "max_cycles": 30, "connected_cars": 2}
     planned = make_small(control="planner", **options)
     history = drive(planned, 4, policy="late_fusion")
     commands = {name: log.drive.command_m_s2 for name, log in planned.drives.items()}
-    assert set(commands) == {"cav_0", "cav_1"} and all(len(each) == 61 for each in commands.values())
+    assert set(commands) == {"cav_0", "cav_1"} and all(len(each) == 31 for each in commands.values())
     assert all(np.isnan(each[-1]) and np.isfinite(each[:-1]).any() for each in commands.values())
     again = make_small(control="acceleration", **options)
     again.reset(seed=4)
@@ -211,7 +209,7 @@ def test_drives_are_logged_and_their_commands_replay_the_world(make_small: Make)
         np.testing.assert_array_equal(again.state(), step["state"])
 
 
-@pytest.mark.parametrize("scenario", ["crossing", "urban_grid"])
+@pytest.mark.parametrize("scenario", ["crossing", pytest.param("urban_grid", marks=pytest.mark.long)])
 def test_others_crash_as_rarely_with_a_planned_car_as_without(monkeypatch: pytest.MonkeyPatch, scenario: str) -> None:
     worlds: list[World] = []
     make = World.__init__
@@ -221,7 +219,7 @@ def test_others_crash_as_rarely_with_a_planned_car_as_without(monkeypatch: pytes
         worlds.append(world)
 
     monkeypatch.setattr(World, "__init__", remember)
-    options: dict[str, Any] = {"lidar": None, "max_cycles": 200, "expose_ground_truth": True}
+    options: dict[str, Any] = {"lidar": None, "max_cycles": 120, "expose_ground_truth": True}
     for control in ({"control": "planner", "driven_agents": ("cav_0",)}, {"control": "traffic"}):
         env, policy = coopsim.parallel_env(scenario, **options, **control), coopsim.make_policy("truth")
         observations, infos = env.reset(seed=2)

@@ -10,19 +10,19 @@ import pytest
 from coopsim.bench.benchmark import benchmark
 from coopsim.bench.detect.detect_plan import DetectPlan
 from coopsim.bench.dry_run import _complete, estimate_benchmark, estimate_detection
-from coopsim.bench.engine.engine import Engine
 from coopsim.bench.grid.grid import Grid
 from coopsim.cli import main
 
 SIMPLE = {"lidar": None, "vehicles": 4, "pedestrians": 0, "detector": "simulated"}
 
 
+@pytest.mark.usefixtures("jobs_here")
 def test_stored_cells_are_counted_and_give_the_seconds(tmp_path: Path) -> None:
     grid = Grid(("no_fusion",), seeds=(0,), frames=4, options=SIMPLE)
     fresh = estimate_benchmark(grid, tmp_path / "none")
     assert (fresh.runs, fresh.stored, fresh.timed) == (1, 0, 1) and fresh.left_s > 0
     assert not (tmp_path / "none").exists()
-    benchmark(grid, tmp_path, engine=Engine(workers=1))
+    benchmark(grid, tmp_path)
     larger = Grid(("no_fusion",), seeds=(0, 1, 2), frames=4, options=SIMPLE)
     partly = estimate_benchmark(larger, tmp_path)
     assert (partly.runs, partly.stored, partly.timed) == (3, 1, 0) and partly.left_s > 0

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from lying_car import begin
+from representatives import all_of
 
 import coopsim
 from coopsim.comms.envelope import decode_features
@@ -36,7 +37,7 @@ def honest() -> Any:
     return play(None)
 
 
-@pytest.mark.parametrize("name", ["fgsm", "bim", "pgd", "cw"])
+@pytest.mark.parametrize("name", all_of(["fgsm", "bim", "pgd", "cw"], "pgd"))
 def test_the_network_sees_what_the_attacker_wants(honest: Any, name: str) -> None:
     policy, maps, _ = honest
     _, lied, lies = play(f"{name}(eps={EPS}, ahead_m=10)")

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from representatives import all_of
 
 import coopsim
 from coopsim.bench.benchmark import benchmark
-from coopsim.bench.engine.engine import Engine
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.leaderboard import evaluate_each
@@ -24,8 +24,9 @@ from coopsim.cli import main
 from coopsim.errors import InvalidValueError, IsolatedPolicyError
 
 SALT = b"a secret of enough bytes"
-OPTIONS: dict[str, Any] = {"vehicles": 12, "max_cycles": 6, "loss": 0.2, "latency_s": 0.1, "position_noise_m": 0.2}
+OPTIONS: dict[str, Any] = {"vehicles": 8, "max_cycles": 6, "loss": 0.2, "latency_s": 0.1, "position_noise_m": 0.2}
 APART = Isolation(60.0)
+LONG = pytest.mark.long
 
 NOSY = """
 import os, sys, threading
@@ -118,11 +119,12 @@ def require_the_same(spec: PolicySpec, **options: Any) -> None:
     assert score.score.values == pytest.approx(other.score.values, rel=0, abs=0, nan_ok=True)
 
 
-@pytest.mark.parametrize("name", ["no_fusion", "late_fusion", "coop_fuse", "track_to_track"])
+@pytest.mark.parametrize("name", all_of(["no_fusion", "late_fusion", "coop_fuse", "track_to_track"], "track_to_track"))
 def test_the_same_tracks_messages_and_scores_as_in_one_process(name: str) -> None:
     require_the_same(PolicySpec.parse(name), lidar=None)
 
 
+@pytest.mark.long
 def test_the_same_of_a_policy_with_a_network() -> None:
     pytest.importorskip("torch")
     require_the_same(PolicySpec.parse("attfuse"), lidar="VLP-16", lidar_columns=256, vehicles=6, max_cycles=4)
@@ -148,7 +150,7 @@ def test_the_process_has_no_seed_no_salt_and_no_world(tmp_path: Path, monkeypatc
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("Raising", "raised an error in its own process(.|\n)*ValueError: no such luck"),
+        pytest.param("Raising", r"raised an error in its own process(.|\n)*ValueError: no such luck", marks=LONG),
         ("Dying", r"is gone: its process ended \(exit status 3\)"),
         ("Hanging", "has not answered within 1 s"),
         ("Babbling", "answered nonsense"),
@@ -172,16 +174,17 @@ def test_no_process_is_left_behind() -> None:
         APART.policy(PolicySpec.parse("no_fusion(colour=3)")).__enter__()
 
 
+@pytest.mark.usefixtures("jobs_here")
 def test_a_benchmark_goes_on_without_the_broken_and_says_what_it_did(tmp_path: Path) -> None:
     grid = Grid((f"{file_of(tmp_path, BROKEN)}:Raising", "no_fusion"), frames=3, options={"lidar": None, "vehicles": 6})
     out, salted = tmp_path / "out", Isolation(60.0, SALT)
-    broken, whole = benchmark(grid, out, engine=Engine(workers=1), isolation=salted)
+    broken, whole = benchmark(grid, out, isolation=salted)
     assert broken.failed and broken.reason == "ValueError: no such luck"
     assert not whole.failed
     for seed, same in ((salted.seed(0), True), (0, False)):
         rewards = coopsim.evaluate("no_fusion", "crossing", seed=seed, max_cycles=3, **grid.options).rewards
         assert np.array_equal(rewards, whole.rewards) == same, "the salt decides which episode is seed 0's"
-    again = benchmark(grid, out, engine=Engine(workers=1), isolation=salted)
+    again = benchmark(grid, out, isolation=salted)
     assert [each.failed for each in again] == [True, False], "taken from the store"
     provenance = Provenance.from_data(Store(out).provenance())
     assert provenance.isolation == salted.as_data() and len(provenance.isolation["salt"]) == 64
@@ -238,7 +241,7 @@ def test_the_trust_of_a_defense_is_measured_in_a_process_of_its_own_too() -> Non
     assert np.isfinite([here[name] for name in names]).all()
 
 
-@pytest.mark.parametrize("attack", ["ghost", "remove", "pose_offset", "sybil"])
+@pytest.mark.parametrize("attack", all_of(["ghost", "remove", "pose_offset", "sybil"], "sybil"))
 def test_a_lie_is_the_same_for_a_policy_in_a_process_of_its_own(attack: str) -> None:
     options = {**OPTIONS, "attacks": {"cav_1": attack}}
     with APART.policy(PolicySpec.parse("late_fusion")) as policy:

@@ -127,25 +127,27 @@ def test_a_benchmark_stores_and_reports_it(tmp_path: Path) -> None:
 
 
 def test_its_code_is_part_of_a_cell_s_key(tmp_path: Path) -> None:
-    keys = []
-    for text in (MODULE + POLICY, MODULE.replace("pool.reported", "pool.objects") + POLICY, POLICY):
-        program = (
-            "import sys\n"
-            "from coopsim.bench.benchmark import check\n"
-            "from coopsim.bench.engine.job import Job\n"
-            "from coopsim.bench.grid.grid import Grid\n"
-            "from coopsim.bench.engine.job import MetricSpec\n"
-            "grid = Grid(('no_fusion', 'mine.py:Mine'), frames=5)\n"
-            "policies = check(grid)\n"
-            "print(Job.of(grid.cells()[0], {}, policies['no_fusion'], MetricSpec.all()).key)\n"
-        )
-        (tmp_path / "mine.py").write_text(text)
-        done = subprocess.run(
-            [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 0, done.stderr
-        keys.append(done.stdout)
-    assert len(set(keys)) == 3
+    texts = (MODULE + POLICY, MODULE.replace("pool.reported", "pool.objects") + POLICY, POLICY)
+    program = (
+        "import os, pathlib\n"
+        "from coopsim.bench.benchmark import check\n"
+        "from coopsim.bench.engine.job import Job\n"
+        "from coopsim.bench.grid.grid import Grid\n"
+        "from coopsim.bench.engine.job import MetricSpec\n"
+        f"for text in {texts!r}:\n"
+        "    pathlib.Path('mine.py').write_text(text)\n"
+        "    if child := os.fork():\n"  # each has the library imported, and nothing of the others
+        "        assert os.waitpid(child, 0)[1] == 0\n"
+        "        continue\n"
+        "    grid = Grid(('no_fusion', 'mine.py:Mine'), frames=5)\n"
+        "    policies = check(grid)\n"
+        "    print(Job.of(grid.cells()[0], {}, policies['no_fusion'], MetricSpec.all()).key, flush=True)\n"
+        "    os._exit(0)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    keys = done.stdout.split()
+    assert len(keys) == len(set(keys)) == 3
 
 
 def test_a_script_s_own_metric_is_refused_before_the_first_cell(tmp_path: Path) -> None:

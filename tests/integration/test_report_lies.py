@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from jobs_here import no_workers
 
 from coopsim.bench.benchmark import benchmark
-from coopsim.bench.engine.engine import Engine
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.report.lie_pages import lie_data, lies_section
@@ -28,7 +28,8 @@ GRID = Grid(("late_fusion",), attacks=("none", GHOST), seeds=(3,), frames=25)
 
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> list[CellResult]:
-    return benchmark(GRID, tmp_path_factory.mktemp("lies"), engine=Engine(workers=1))
+    with no_workers():
+        return benchmark(GRID, tmp_path_factory.mktemp("lies"))
 
 
 @pytest.fixture(scope="module")

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from jobs_here import no_workers
 from PIL import Image
 
 from coopsim.bench.benchmark import benchmark
@@ -26,7 +29,7 @@ from coopsim.cli.entry import main
 from coopsim.planning.planner import PLANNERS, PlannedCar, Planner
 
 SITUATION = "crossing_path"
-GRID = Grid(("no_fusion", "late_fusion"), scenarios=(SITUATION,), penetrations=(1, 0), seeds=(0, 1), frames=None)
+GRID = Grid(("no_fusion", "late_fusion"), scenarios=(SITUATION,), penetrations=(1, 0), seeds=(0, 1), frames=20)
 
 
 class KeepsItsSpeed(Planner):
@@ -52,15 +55,17 @@ def told(results: list[CellResult]) -> str:
     return repr([(each.cell, each.values, each.agents, each.rewards.tolist(), each.messages) for each in results])
 
 
-def test_results_are_the_same_for_any_number_of_workers_and_after_an_interruption(tmp_path: Path) -> None:
-    whole = benchmark(GRID, tmp_path / "two", engine=Engine(workers=2))
+@pytest.mark.parametrize("workers", [0, pytest.param(2, marks=pytest.mark.long)])
+def test_results_are_the_same_after_an_interruption(tmp_path: Path, workers: int) -> None:
+    """And for any number of workers; none: in this process."""
+    with nullcontext() if workers else no_workers():
+        whole = benchmark(GRID, tmp_path / "two", engine=Engine(workers=workers or 1))
     assert not any(each.failed for each in whole) and all("crash" in each.values for each in whole)
-    part = Grid(GRID.policies, scenarios=(SITUATION,), penetrations=(1, 0), seeds=(1,), frames=None)
-    benchmark(part, tmp_path / "one", engine=Engine(workers=1))
     stored: list[int] = []
-    again = benchmark(
-        GRID, tmp_path / "one", engine=Engine(workers=1), on_progress=lambda progress: stored.append(progress.stored)
-    )
+    with no_workers():
+        part = replace(GRID, seeds=(1,))
+        benchmark(part, tmp_path / "one")
+        again = benchmark(GRID, tmp_path / "one", on_progress=lambda progress: stored.append(progress.stored))
     assert stored[0] == len(part) == 4, "the cells of the interrupted run are taken from the store"
     assert told(again) == told(whole)
     assert told(Store(tmp_path / "one").results()) == told(whole)

@@ -16,6 +16,7 @@ import numpy as np
 import psutil
 import pytest
 from counting_envs import FAILING, KILLED, REFUSED, CountingAgents, CountingEnv, SeededEnv
+from representatives import all_of
 
 import coopsim
 from coopsim.errors import InvalidActionError, LostEnvironmentsError, UnknownNameError
@@ -155,7 +156,7 @@ vector.step([{"a": SLOW, "b": 0.0}] * 2)
 """
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.parametrize("how", all_of([signal.SIGINT, signal.SIGKILL], signal.SIGKILL))
 def test_nothing_is_left_behind(tmp_path: Path, how: signal.Signals) -> None:
     """Neither processes nor shared memory, when the program is interrupted or killed."""
     script = tmp_path / "script.py"

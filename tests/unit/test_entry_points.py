@@ -130,7 +130,6 @@ assert net.fusion.weight == 0.5 and type(net.fusion).__module__ == "plugged_in"
 
 
 BACKBONE = """
-import torch
 
 class Mean(torch.nn.Conv2d):
     def __init__(self, width):
@@ -146,11 +145,10 @@ mine = plugged_in:Mean
 """
 
 BACKBONE_PROGRAM = """
-import sys
 from coopsim.nn.camera.lift_splat import LiftSplatConfig, LiftSplatEncoder
 from coopsim.nn.camera.picture_net import BACKBONES
 
-assert "mine" in BACKBONES.names() and "plugged_in" not in sys.modules
+assert "mine" in BACKBONES.names()
 backbone = LiftSplatEncoder(LiftSplatConfig(backbone="mine", width=5)).pictures.net.backbone
 assert backbone.out_channels == 5 and type(backbone).__module__ == "plugged_in"
 """
@@ -193,16 +191,10 @@ def test_a_package_that_cannot_be_imported_costs_its_own_metric_alone(tmp_path: 
     _run(tmp_path, BROKEN_PROGRAM)
 
 
-def test_entry_points_add_fusions(tmp_path: Path) -> None:
+def test_entry_points_add_fusions_and_backbones(tmp_path: Path) -> None:
     pytest.importorskip("torch")
-    _plug_in(tmp_path, FUSION, FUSION_POINTS)
-    _run(tmp_path, FUSION_PROGRAM)
-
-
-def test_entry_points_add_backbones(tmp_path: Path) -> None:
-    pytest.importorskip("torch")
-    _plug_in(tmp_path, BACKBONE, BACKBONE_POINTS)
-    _run(tmp_path, BACKBONE_PROGRAM)
+    _plug_in(tmp_path, FUSION + BACKBONE, FUSION_POINTS + BACKBONE_POINTS)
+    _run(tmp_path, FUSION_PROGRAM + BACKBONE_PROGRAM)
 
 
 def _plug_in(folder: Path, module: str, entry_points: str) -> None:

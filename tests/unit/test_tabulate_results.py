@@ -11,7 +11,6 @@ import pytest
 import tabulate_results
 
 from coopsim.bench.benchmark import benchmark
-from coopsim.bench.engine.engine import Engine
 from coopsim.bench.grid.grid import Grid
 
 
@@ -79,11 +78,12 @@ def test_trainings_of_one_title_have_mean_and_deviation(
     assert tabulated(monkeypatch, capsys, path, *titles)[1] == ["Early", "0.600 ± 0.141"]
 
 
+@pytest.mark.usefixtures("jobs_here")
 def test_a_benchmark_has_means_over_places_and_seeds(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     grid = Grid(("no_fusion",), ("crossing", "highway"), seeds=(0, 1), frames=2, options={"lidar": None})
-    results = benchmark(grid, tmp_path / "run", engine=Engine(workers=1))
+    results = benchmark(grid, tmp_path / "run")
     values = [result.values["FN"] for result in results]
     words = (tmp_path / "run", "--columns", "metrics", "--metrics", "FN", "--standard-error")
     heading, (name, cell) = tabulated(monkeypatch, capsys, *words)

@@ -25,6 +25,7 @@ from coopsim.world.furniture.free_ground import GROUND, are_free, obstacles_of
 from coopsim.world.furniture.furnish import furnishing_parts
 from coopsim.world.furniture.kinds import KINDS
 from coopsim.world.models.parts import GLASS
+from coopsim.world.places.description import MapFurniture, point_of
 from coopsim.world.places.layout import Layout
 from coopsim.world.snapshot import Actors
 
@@ -205,14 +206,14 @@ def cluttered(layout: Layout, rng: np.random.Generator) -> Layout:
     return replace(layout, furnishing=(*layout.furnishing, *pieces))
 
 
-def _piece(spot: Floats, rng: np.random.Generator) -> dict[str, Any]:
+def _piece(spot: Floats, rng: np.random.Generator) -> MapFurniture:
     """Draw a piece of furniture, with sizes of which there are few, so that most pieces share a mesh."""
     kind = _SMALL[int(rng.integers(len(_SMALL)))]
-    sizes = {
+    sizes: dict[str, Any] = {
         name: float(np.round(rng.uniform(max(size.least, _LEAST_M), min(size.most, _LARGEST[name])), 1))
         for name, size in KINDS[kind].sizes.items()
     }
-    return {"kind": kind, "at": spot.tolist(), "heading_deg": float(rng.uniform(0.0, 360.0)), **sizes}
+    return MapFurniture(kind, point_of(spot), float(rng.uniform(0.0, 360.0)), **sizes)
 
 
 def realistic_lidar(lidar: LidarConfig, rng: np.random.Generator) -> LidarConfig:

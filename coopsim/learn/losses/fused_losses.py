@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import torch
 from torch import Tensor
@@ -18,6 +19,7 @@ from torch.nn import functional
 
 from coopsim.errors import InvalidValueError
 from coopsim.learn.losses.head_losses import head_loss, heat_loss, sum_of
+from coopsim.learn.losses.own_losses import OwnLosses
 from coopsim.learn.samples.flow_samples import FlowSample
 from coopsim.learn.samples.fused_samples import CooperativeSample, ReceiverView
 from coopsim.nn.cooperative.cooperative_net import CooperativeNet, FeatureFlow, moved_on
@@ -35,6 +37,7 @@ def cooperative_loss(
     *,
     frozen: bool = True,
     teacher: DetectorNet | None = None,
+    own: OwnLosses = MappingProxyType({}),
 ) -> dict[str, Tensor]:
     """Return the loss of a sample, the mean of its receivers: "loss", the weighted sum, and its parts.
 
@@ -44,11 +47,13 @@ def cooperative_loss(
         sample: the sample; its views have merged clouds where there is a teacher.
         frozen: no gradients reach the encoder.
         teacher: detector of merged clouds, if any.
+        own: losses of users, of the fused maps.
     """
     with torch.set_grad_enabled(not frozen and torch.is_grad_enabled()):
         features = detector.encoder(sample.pillars)
     values, sure = net.message(features)
-    parts = message_losses(net, features, values, sample) | views_losses(net, features, values, sure, sample, teacher)
+    parts = message_losses(net, features, values, sample)
+    parts |= views_losses(net, features, values, sure, sample, teacher, own)
     return {"loss": sum_of(parts), **parts}
 
 
@@ -74,11 +79,12 @@ def views_losses(
     sure: Tensor,
     sample: CooperativeSample,
     teacher: DetectorNet | None = None,
+    own: OwnLosses = MappingProxyType({}),
 ) -> dict[str, Tensor]:
     """Return the losses of fused maps by name, means of all views; arguments: see `fused_features`."""
     parts: dict[str, Tensor] = {}
     for view in sample.views:
-        for name, part in _view_losses(net, features, values, sure, sample.grid, view, teacher).items():
+        for name, part in _view_losses(net, features, values, sure, sample.grid, view, teacher, own).items():
             parts[name] = parts.get(name, torch.zeros_like(part)) + part / len(sample.views)
     return parts
 
@@ -134,10 +140,11 @@ def _view_losses(
     grid: BevGrid,
     view: ReceiverView,
     teacher: DetectorNet | None,
+    own: OwnLosses,
 ) -> dict[str, Tensor]:
     fused, levels = fused_features(net, features, values, sure, grid, view)
     targets = view.targets.to(fused.device)
-    parts = head_loss(net.head, fused, targets)
+    parts = head_loss(net.head, fused, targets, own)
     parts.pop("loss")
     if levels:
         parts["foreground"] = foreground_loss(levels, targets.heat.amax(1, keepdim=True), targets.objects)

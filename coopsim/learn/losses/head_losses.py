@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 
 import torch
 from torch import Tensor
@@ -10,6 +11,7 @@ from torch.nn import functional
 
 from coopsim.errors import UnknownNameError
 from coopsim.learn.losses.judge_losses import judge_losses
+from coopsim.learn.losses.own_losses import OwnLosses, losses_of
 from coopsim.learn.losses.street_losses import front_class_loss, velocity_loss
 from coopsim.learn.samples.targets import Targets
 from coopsim.nn.camera.picture_net import DepthBins
@@ -38,13 +40,19 @@ WEIGHTS = {
 """Weights of the parts of the loss; those of the others are 1."""
 
 
-def head_loss(head: CentreHead | JudgedHead, features: Tensor, targets: Targets) -> dict[str, Tensor]:
-    """Return the loss of a head on features (B, C, h, w): "loss", the weighted sum, and its parts by name."""
+def head_loss(
+    head: CentreHead | JudgedHead, features: Tensor, targets: Targets, own: OwnLosses = MappingProxyType({})
+) -> dict[str, Tensor]:
+    """Return the loss of a head on features (B, C, h, w): "loss", the weighted sum, and its parts by name.
+
+    Parts of users, `own`, come last.
+    """
     shared, logits = head.heat(features)
     parts = {"heat": heat_loss(logits, targets.heat, targets.objects, targets.ignored)}
     parts |= code_losses(head.codes(at_cells(shared, targets.cell)), targets, street=isinstance(head, StreetHead))
     if isinstance(head, JudgedHead):
         parts |= judge_losses(head, features, shared, logits, targets)
+    parts |= losses_of(own, head, features, targets)
     return {"loss": sum_of(parts), **parts}
 
 

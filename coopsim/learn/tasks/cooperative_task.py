@@ -25,6 +25,7 @@ from coopsim.learn.losses.fused_losses import (
     views_losses,
 )
 from coopsim.learn.losses.head_losses import sum_of
+from coopsim.learn.losses.own_losses import own_losses
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.flow_samples import FlowDraft, FlowSample
@@ -57,6 +58,7 @@ class CooperativeTask(TrainingTask):
         super().__init__()
         self._settings = load(SampleSettings, recipe.samples, "samples")
         detector = load_detector(recipe.detector)
+        self.own = own_losses(recipe.loss)
         named = str(recipe.network.get("fusion", ""))
         fusion = named if names_code(named) else None
         start = None if recipe.start is None else load_cooperative(recipe.start, detector, fusion)
@@ -111,7 +113,7 @@ class CooperativeTask(TrainingTask):
 
     def forward(self, batch: Any) -> dict[str, Tensor]:
         return mean_losses(
-            [cooperative_loss(self.detector, self.net, sample, teacher=self.teacher) for sample in batch]
+            [cooperative_loss(self.detector, self.net, sample, teacher=self.teacher, own=self.own) for sample in batch]
         )
 
 
@@ -186,7 +188,7 @@ class FlowTask(CooperativeTask):
 
     def _losses(self, sample: FlowSample) -> dict[str, Tensor]:
         if self.progress < _MESSAGES_FIRST:
-            return cooperative_loss(self.detector, self.net, sample.scene, teacher=self.teacher)
+            return cooperative_loss(self.detector, self.net, sample.scene, teacher=self.teacher, own=self.own)
         return self._flow_step(sample)
 
     def _flow_step(self, sample: FlowSample) -> dict[str, Tensor]:
@@ -200,7 +202,7 @@ class FlowTask(CooperativeTask):
             changes = late_changes(net.flow, values, sample)
             parts |= flow_losses(net, features, values, changes, sample)
             values = moved_to_now(values, changes.detach(), sample)
-        parts |= views_losses(net, features, values, sure, sample.scene, self.teacher)
+        parts |= views_losses(net, features, values, sure, sample.scene, self.teacher, self.own)
         return {LOSS: sum_of(parts), **parts}
 
 
@@ -236,9 +238,10 @@ class TogetherTask(TrainingTask):
         return find_fused(net.detector, net.fused, batch)
 
     def forward(self, batch: Any) -> dict[str, Tensor]:
-        detector, fused, teacher = self.net.detector, self.net.fused, self._fusion.teacher
+        detector, fused = self.net.detector, self.net.fused
+        teacher, own = self._fusion.teacher, self._fusion.own
         return mean_losses(
-            [cooperative_loss(detector, fused, sample, frozen=False, teacher=teacher) for sample in batch]
+            [cooperative_loss(detector, fused, sample, frozen=False, teacher=teacher, own=own) for sample in batch]
         )
 
     def files(self, net: nn.Module, name: str) -> list[WeightsFile]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.learn.clips.clip import Clip
 from coopsim.learn.clips.world_recipe import WorldRecipe
 from coopsim.learn.losses.head_losses import head_loss
+from coopsim.learn.losses.own_losses import OwnLosses, own_losses
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import DetectorBatch, SampleSettings, collate_detector, detector_samples
 from coopsim.learn.samples.targets import Targets
@@ -35,6 +37,7 @@ class DetectorTask(TrainingTask):
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
         super().__init__()
         self._settings = load(SampleSettings, recipe.samples, "samples")
+        self._own = own_losses(recipe.loss)
         self.net = first_net(recipe.changed(kind="detector"), seed)
         if recipe.kind == "detector" and recipe.start is None and self.net.config.head == "turned":
             raise InvalidValueError('network head must not be "turned" without start: kind: front makes one')
@@ -70,12 +73,12 @@ class DetectorTask(TrainingTask):
         return collate_detector(samples)
 
     def forward(self, batch: Any) -> dict[str, Tensor]:
-        return detector_loss(self.net, batch)
+        return detector_loss(self.net, batch, self._own)
 
 
-def detector_loss(net: DetectorNet, batch: DetectorBatch) -> dict[str, Tensor]:
-    """Return the loss of a batch: "loss", the weighted sum, and its parts."""
-    return head_loss(net.head, net.encoder(batch.pillars), batch.targets)
+def detector_loss(net: DetectorNet, batch: DetectorBatch, own: OwnLosses = MappingProxyType({})) -> dict[str, Tensor]:
+    """Return the loss of a batch: "loss", the weighted sum, and its parts; those of users are `own`."""
+    return head_loss(net.head, net.encoder(batch.pillars), batch.targets, own)
 
 
 def found_map(head: Any, features: Tensor, targets: Targets) -> list[FoundMap]:

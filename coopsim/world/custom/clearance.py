@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from coopsim.config.annotated import Line
 from coopsim.config.checked_entry import Entry
 from coopsim.geometry import exact
 from coopsim.geometry.boxes import Boxes3D
@@ -39,31 +40,30 @@ class MiddleLines:
         counts = [len(each) - 1 for each in corners]
         self._half_m = np.repeat([lane.width / 2 for _, lane in lines], counts)
         self._road = np.repeat(np.arange(len(lines)), counts)
-        self._entries = [roads.entry[road] for road, _ in lines]
+        self._roads, self._names = roads, [road for road, _ in lines]
 
     def are_met(self, points: Floats) -> bool:
         """Return whether one of `points` (N, 2) m is on a road."""
         return _worst(points, self.starts, self.ends, self._half_m)[0] >= 0
 
-    def require_off_roads(self, points: Floats, entry: Entry, what: str, least_m: float | None = None) -> None:
+    def require_off_roads(self, points: Floats, what: str, *keys: str | int, least_m: float | None = None) -> None:
         """Raise an error if one of `points` (N, 2) m of an object is on a road.
 
         They must be `least_m` from the middle of every lane; None: half the lane's width. `what` is the object's name
-        in the error.
+        in the error, and `keys` lead to it in the description.
         """
         least = self._half_m if least_m is None else np.full(len(self._half_m), least_m)
         segment, distance_m = _worst(np.ascontiguousarray(points), self.starts, self.ends, least)
         if segment >= 0:
             accepted_m = least[segment]
-            raise entry.error(
+            raise self._roads.root.part(*keys).error(
                 f"{what} must be at least {accepted_m:g} m from the middle of every lane, got "
                 f"{distance_m:.2f} m from that of the road in {self.spot(segment)}: it would stand in the way"
             )
 
     def spot(self, segment: int) -> str:
-        """Return where in the file the road of a segment is."""
-        spot: str = self._entries[self._road[segment]].spot
-        return spot
+        """Return where in the description the road of a segment is."""
+        return self._roads.entry(self._names[self._road[segment]]).spot
 
 
 @njit(cache=True, nogil=True)
@@ -115,23 +115,24 @@ def _spaced(corners: Floats) -> Floats:
     return points
 
 
-def require_space_to_park(bays: Sequence[Bay], entries: Sequence[Entry], middles: MiddleLines) -> None:
-    """Raise a ScenarioFileError for a bay whose vehicle would stand on a road, or in a vehicle in another bay."""
+def require_space_to_park(bays: Sequence[Bay], root: Entry, middles: MiddleLines) -> None:
+    """Raise an error for a bay whose vehicle would stand on a road, or in a vehicle in another bay."""
     rows = np.array([_footprint(bay) for bay in bays]).reshape(-1, 7)
-    for entry, corners in zip(entries, Boxes3D.from_array(rows).corners[:, :4, :2], strict=True):
-        middles.require_off_roads(along_outline(corners), entry, "the side of the parked vehicle", _PASSING_M)
+    for k, corners in enumerate(Boxes3D.from_array(rows).corners[:, :4, :2]):
+        side = "the side of the parked vehicle"
+        middles.require_off_roads(along_outline(corners), side, "parked", k, least_m=_PASSING_M)
     rows[:, 3:5] += 2 * PARKED_ASIDE_M
     pair = _overlapping(rows)
     if pair is not None:
         first, second = pair
-        raise entries[second].error(
+        raise root.part("parked", second).error(
             f"the vehicle parked here needs {rows[second, 3]:.1f} x {rows[second, 4]:.1f} m, and would overlap with "
-            f"the one parked in {entries[first].spot}"
+            f"the one parked in {root.part('parked', first).spot}"
         )
 
 
-def require_space_to_start(slots: Sequence[StartSlot], entries: Sequence[Entry], roads: Roads) -> None:
-    """Raise a ScenarioFileError for a start across another start's lane."""
+def require_space_to_start(slots: Sequence[StartSlot], roads: Roads) -> None:
+    """Raise an error for a start across another start's lane."""
     rows = np.zeros((len(slots), 7))
     for row, slot in zip(rows, slots, strict=True):
         lane = roads.network.get_lane(slot.lane)
@@ -139,9 +140,8 @@ def require_space_to_start(slots: Sequence[StartSlot], entries: Sequence[Entry],
     rows[:, 3:6] = _START_M, _LANE_APART_M, 1.0
     pair = _overlapping(rows)
     if pair is not None:
-        raise entries[pair[1]].error(
-            f"a vehicle that starts here would overlap with one that starts in {entries[pair[0]].spot}"
-        )
+        here, there = (roads.root.part("starts", k) for k in pair[::-1])
+        raise here.error(f"a vehicle that starts here would overlap with one that starts in {there.spot}")
 
 
 def _overlapping(rows: Floats) -> tuple[int, int] | None:
@@ -165,12 +165,12 @@ _TWICE, _OTHER = 2, 3
 _ROUNDING_M = 2e-3  # that a corner may lie inwards of its neighbours: coordinates are often whole millimetres
 
 
-def read_convex(entry: Entry, advice: str = "write another shape as several") -> Floats:
-    """Return the corners (K, 2) m of a convex outline, counter-clockwise, from a list in either direction.
+def convex(outline: Line, entry: Entry, advice: str = "write another shape as several") -> Floats:
+    """Return the corners (K, 2) m of a convex outline, counter-clockwise, from those in either direction.
 
-    An error about another shape ends with `advice`.
+    The entry's error about another shape ends with `advice`.
     """
-    corners = entry.points(3)
+    corners = np.array(outline, dtype=np.float64)
     way = _way_round(corners)
     if way == _TWICE:
         raise entry.error("outline must have every corner once; the last is joined to the first anyway")

@@ -1,18 +1,8 @@
-"""The ground of a place: kerbs, crowned roads, humps and patches of water.
-
-| key | value |
-|---|---|
-| `kerb_m` | height of the pavements over the road, up to 0.3; without it they are flat; raised ones of the key |
-| | `paved` must be at least 0.5 m from the middle of every lane |
-| `crown` | fall of the roads to both sides, m per m, up to 0.05: between junctions, 8 m from their ends on |
-| `humps` | list of speed humps: `at`, on a road; `heading_deg`, of travel; `width_m`, across; `length_m` (usually |
-| | 3.7); `height_m` (usually 0.075) |
-| `wet` | list of patches under water: `outline` (convex) |
-"""
+"""The ground of a place: kerbs, crowned roads, humps, patches of water and further surfaces."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,31 +10,24 @@ import numpy as np
 from coopsim.config.checked_entry import Entry
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
-from coopsim.support.checks import require_between, require_finite_number
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
-from coopsim.world.custom.clearance import MiddleLines, read_convex
+from coopsim.world.custom.clearance import MiddleLines, convex
 from coopsim.world.custom.groundworks import Groundworks
 from coopsim.world.custom.roads import Roads
+from coopsim.world.places.description import SURFACES, MapArea, MapHump
 from coopsim.world.places.layout import flat_part
-from coopsim.world.places.road_network import CircularLane, Road, RoadNetwork
-from coopsim.world.relief.surfaces import HEIGHTS_M, LENGTHS_M, USUAL_HEIGHT_M, USUAL_LENGTH_M, Hump
+from coopsim.world.places.road_network import CircularLane, Road
+from coopsim.world.relief.surfaces import USUAL_HEIGHT_M, USUAL_LENGTH_M, Hump
 from coopsim.world.snapshot import StaticPart
 
-GROUND_KEYS = ("kerb_m", "crown", "humps", "wet")
 
-
-def read_ground(fields: Mapping[str, Entry], network: RoadNetwork) -> Groundworks:
-    """Read the ground from the keys of a place."""
-    kerb_m = float(fields["kerb_m"].checked(require_between, 0, 0.3)) if "kerb_m" in fields else 0.0
-    crown = float(fields["crown"].checked(require_between, 0, 0.05)) if "crown" in fields else 0.0
-    humps = [_hump(item, network) for item in fields["humps"].entries()] if "humps" in fields else []
-    wet = (
-        [read_convex(item.fields(("outline",))["outline"]) for item in fields["wet"].entries()]
-        if "wet" in fields
-        else []
-    )
-    return Groundworks(kerb_m, crown, tuple(humps), tuple(wet))
+def build_ground(roads: Roads) -> Groundworks:
+    """Build the shape of the ground from a description."""
+    description, root = roads.description, roads.root
+    humps = tuple(_hump(hump, k, roads) for k, hump in enumerate(description.humps))
+    wet = tuple(convex(patch.outline, root.part("wet", k, "outline")) for k, patch in enumerate(description.wet))
+    return Groundworks(float(description.kerb_m), float(description.crown), humps, wet)
 
 
 def turning_loops(roads: Roads) -> list[Road]:
@@ -57,18 +40,14 @@ def turning_loops(roads: Roads) -> list[Road]:
     return [piece for pieces in loops for piece in pieces]
 
 
-def _hump(entry: Entry, network: RoadNetwork) -> Hump:
-    fields = entry.fields(("at", "heading_deg", "width_m"), ("length_m", "height_m"))
-    at = fields["at"].point()
-    if not any(lane.contains(at) for lane in network.lanes.values()):
-        raise fields["at"].error("a hump must be on a road")
-    heading_rad = np.radians(float(fields["heading_deg"].checked(require_finite_number)))
-    usual = {"width_m": 0.0, "length_m": USUAL_LENGTH_M, "height_m": USUAL_HEIGHT_M}
-    limits = {"width_m": (1, 40), "length_m": LENGTHS_M, "height_m": HEIGHTS_M}
-    sizes = [
-        float(fields[name].checked(require_between, *limits[name])) if name in fields else usual[name] for name in usual
-    ]
-    return Hump(float(at[0]), float(at[1]), float(heading_rad), *sizes)
+def _hump(hump: MapHump, number: int, roads: Roads) -> Hump:
+    x, y = map(float, hump.at)
+    at = np.array([x, y])
+    if not any(lane.contains(at) for lane in roads.network.lanes.values()):
+        raise roads.root.part("humps", number, "at").error("a hump must be on a road")
+    length_m = USUAL_LENGTH_M if hump.length_m is None else hump.length_m
+    height_m = USUAL_HEIGHT_M if hump.height_m is None else hump.height_m
+    return Hump(x, y, float(np.radians(hump.heading_deg)), float(hump.width_m), float(length_m), float(height_m))
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,22 +55,20 @@ class Paving:
     """A kind of surface.
 
     Attributes:
-        field: field of `RoadMap` that holds its outlines.
         z_m: height.
         color: RGB.
         reflectivity: at 905 nm, in [0, 1].
     """
 
-    field: str
     z_m: float
     color: tuple[int, int, int]
     reflectivity: float
 
 
 PAVINGS: Mapping[str, Paving] = {
-    "grass": Paving("grass", -0.03, (86, 116, 66), 0.45),
-    "yard": Paving("yards", -0.02, (134, 126, 114), 0.3),
-    "parking": Paving("parking", -0.005, (88, 88, 90), 0.22),
+    "grass": Paving(-0.03, (86, 116, 66), 0.45),
+    "yard": Paving(-0.02, (134, 126, 114), 0.3),
+    "parking": Paving(-0.005, (88, 88, 90), 0.22),
 }
 """Surfaces with a mesh of their own, from the lowest to the highest. Grass is bright to infrared light; the rest are
 slabs and old asphalt."""
@@ -99,41 +76,37 @@ slabs and old asphalt."""
 PAVEMENT = "pavement"
 """The kind that is raised with `kerb_m`."""
 
-KINDS = {"road": "lanes", PAVEMENT: "pavements"} | {name: paving.field for name, paving in PAVINGS.items()}
-"""Fields of `RoadMap` by the kinds that files accept."""
 
-
-def read_paved(entries: Iterable[Entry]) -> dict[str, list[Floats]]:
-    """Return convex outlines (K, 2) m, counter-clockwise, by the field of `RoadMap` that they belong to."""
-    found: dict[str, list[Floats]] = {field: [] for field in KINDS.values()}
-    for entry in entries:
-        fields = entry.fields(("outline", "kind"))
-        found[KINDS[fields["kind"].choice(KINDS)]].append(read_convex(fields["outline"]))
+def build_paved(areas: Sequence[MapArea], root: Entry) -> dict[str, list[Floats]]:
+    """Return convex outlines (K, 2) m, counter-clockwise, by kind."""
+    found: dict[str, list[Floats]] = {kind: [] for kind in SURFACES}
+    for k, area in enumerate(areas):
+        found[area.kind].append(convex(area.outline, root.part("paved", k, "outline")))
     return found
 
 
 def paved_parts(paved: Mapping[str, list[Floats]]) -> list[StaticPart]:
-    """Build the surfaces that are neither road nor pavement, from outlines as `read_paved` returns."""
+    """Build the surfaces that are neither road nor pavement, from outlines by kind."""
     return [
-        flat_part(name, paved[paving.field], paving.z_m, paving.color, paving.reflectivity)
+        flat_part(name, paved[name], paving.z_m, paving.color, paving.reflectivity)
         for name, paving in PAVINGS.items()
-        if paved[paving.field]
+        if paved[name]
     ]
 
 
 _LEAST_M = 0.5  # from the middle of a lane: pavements reach under the edges of lanes, in kinks by up to a metre
 
 
-def require_off_lanes(outlines: Sequence[Floats], paved: Entry, middles: MiddleLines) -> None:
+def require_off_lanes(outlines: Sequence[Floats], roads: Roads, middles: MiddleLines) -> None:
     """Raise an error if a raised pavement is in the way of vehicles: wheels and bumpers would stick in it.
 
-    `outlines` are convex, (K, 2) m, counter-clockwise, in the order of the list `paved`, which also has other kinds.
+    `outlines` are convex, (K, 2) m, counter-clockwise, in the order of the pavements among `paved`.
     """
     ends = np.cumsum([len(outline) for outline in outlines])
     number, segment = _first_across(np.concatenate(outlines), ends, middles.starts, middles.ends, _LEAST_M)
     if number >= 0:
-        entries = [entry for entry in paved.entries() if entry.fields(("outline", "kind"))["kind"].text() == PAVEMENT]
-        raise entries[number].error(
+        place = [k for k, area in enumerate(roads.description.paved) if area.kind == PAVEMENT][number]
+        raise roads.root.part("paved", place).error(
             f"a raised pavement must be at least {_LEAST_M:g} m from the middle of every lane, and this one is "
             f"nearer to that of the road in {middles.spot(segment)}: move it, or give a crosswalk instead"
         )

@@ -1,20 +1,21 @@
-"""Roads from a file: between named nodes, straight, bent, along several points, or a turning loop."""
+"""Roads of a description: between named nodes, straight, bent, along several points, or a turning loop."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 
 from coopsim.config.checked_entry import Entry
+from coopsim.errors import UnknownNameError
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats, wrap_angle
-from coopsim.support.checks import require_between, require_flag
 from coopsim.support.kernels import njit
 from coopsim.types import Ints, Mask
+from coopsim.world.places.description import MapLane, PlaceDescription
 from coopsim.world.places.layout import LANE_M, ROADS_AHEAD
 from coopsim.world.places.road_network import Lane, Road, RoadNetwork, StraightLane
 from coopsim.world.places.streets import LOOP_SPEED_M_S, SPEED_M_S, add_bend, add_straight, turning_loop
@@ -32,23 +33,31 @@ _KINK_RAD = np.radians(20.0)
 
 @dataclass(slots=True, eq=False)
 class Roads:
-    """Roads of a file.
+    """Roads of a description.
 
     Attributes:
+        description: the lanes, their nodes and all else.
+        root: the description's entry, for errors.
         nodes: (2,) m, by name.
         network: all pieces, one lane each.
-        pieces: pieces of every road of the file, in order.
-        entry: description of every road in the file.
+        pieces: pieces of every road, in order.
+        number: place of every road in the list.
         movements: pieces that others cross or join.
         priority: movements to which others give way.
     """
 
+    description: PlaceDescription
+    root: Entry
     nodes: Mapping[str, Floats]
     network: RoadNetwork = field(default_factory=RoadNetwork)
     pieces: dict[Road, list[Road]] = field(default_factory=dict)
-    entry: dict[Road, Entry] = field(default_factory=dict)
+    number: dict[Road, int] = field(default_factory=dict)
     movements: tuple[Road, ...] = ()
     priority: tuple[Road, ...] = ()
+
+    def entry(self, road: Road, *keys: str) -> Entry:
+        """Return the entry of a road, or of a part of it."""
+        return self.root.part("roads", self.number[road], *keys)
 
     def lane(self, piece: Road) -> Lane:
         """Return a piece's lane."""
@@ -66,13 +75,13 @@ class Roads:
             along_m -= self.lane(piece).length
         return self.pieces[road][-1], along_m
 
-    def find(self, entry: Entry) -> Road:
-        """Return the road that an entry names: [from, to]."""
-        names = [item.choice(self.nodes, "node") for item in entry.entries()]
-        road = (names[0], names[-1])
-        if len(names) != 2 or road not in self.pieces:
+    def find(self, names: Sequence[str], *keys: str | int) -> Road:
+        """Return the road that the names of its nodes stand for, in the part of the description that keys lead to."""
+        road = (names[0], names[-1]) if len(names) == 2 else ("", "")
+        if road not in self.pieces:
             known = ", ".join(f"[{start}, {end}]" for start, end in self.pieces)
-            raise entry.error(f"{entry.name} must be a road, got [{', '.join(names)}]. Accepted: {known}")
+            message = f"{keys[-1]} must be a road, got [{', '.join(names)}]. Accepted: {known}"
+            raise self.root.part(*keys).error(message)
         return road
 
     @property
@@ -94,68 +103,75 @@ class Roads:
         return count
 
 
-def read_roads(nodes: Entry, roads: Entry) -> Roads:
-    """Read roads from the entries `nodes` and `roads` of a place."""
-    places = {name: entry.point() for name, entry in nodes.named().items()}
-    found, first = Roads(places), set[Road]()
-    for entry in roads.entries():
-        if _add_road(found, entry):
-            first |= set(found.pieces[list(found.pieces)[-1]])
+def build_roads(description: PlaceDescription, root: Entry) -> Roads:
+    """Build the lanes of a description; `root` is its entry, for errors."""
+    found = Roads(description, root, {name: np.array(at, dtype=np.float64) for name, at in description.nodes.items()})
+    for number, lane in enumerate(description.roads):
+        _add_road(found, number, lane)
     if not found.pieces:
-        raise roads.error("roads must be at least one, got none")
+        raise root.part("roads").error("roads must be at least one, got none")
     _require_ways_on(found)
     _require_no_kinks(found)
+    _require_neighbours(found)
     found.movements = conflicting_roads(found.network)
-    for road, pieces in found.pieces.items():
-        if first & set(pieces) and not set(pieces) & set(found.movements):
-            useless = found.entry[road].error("priority is of no use: no other road crosses or joins this one")
+    ranked = {road for road, number in found.number.items() if description.roads[number].priority}
+    for road in [road for road in found.pieces if road in ranked]:
+        if not set(found.pieces[road]) & set(found.movements):
+            useless = found.entry(road).error("priority is of no use: no other road crosses or joins this one")
             warnings.warn(str(useless), stacklevel=2)
+    first = {piece for road in ranked for piece in found.pieces[road]}
     found.priority = tuple(piece for piece in found.movements if piece in first)
     return found
 
 
-def _add_road(roads: Roads, entry: Entry) -> bool:
-    """Add a road; return whether it has priority."""
-    fields = entry.fields(("from", "to"), ("via", "centre", "turn", "width_m", "speed_m_s", "priority"))
-    start, end = (fields[name].choice(roads.nodes, "node") for name in ("from", "to"))
-    if start == end:
-        raise entry.error(f"a road must lead from one node to another, got {start!r} twice")
-    if (start, end) in roads.pieces:
-        raise entry.error(f"a road from {start!r} to {end!r} is there already, in {roads.entry[start, end].spot}")
-    turn = fields["turn"].choice(("left", "right", "around")) if "turn" in fields else None
-    usual_m_s = LOOP_SPEED_M_S if turn == "around" else SPEED_M_S
-    speed_m_s = fields["speed_m_s"].checked(require_between, 1, 40) if "speed_m_s" in fields else usual_m_s
-    width_m = fields["width_m"].checked(require_between, 2.5, 8) if "width_m" in fields else LANE_M
-    shape = (float(speed_m_s), float(width_m))
-    roads.entry[start, end] = entry
-    if ("centre" in fields) != (turn in ("left", "right")) or ("via" in fields and turn is not None):
+def _add_road(roads: Roads, number: int, lane: MapLane) -> None:
+    """Add the pieces of a road."""
+    road, entry = (lane.start, lane.end), roads.root.part("roads", number)
+    for key, name in zip(("from", "to"), road, strict=True):
+        if name not in roads.nodes:
+            raise entry.part(key).error(str(UnknownNameError("node", name, roads.nodes)))
+    if lane.start == lane.end:
+        raise entry.error(f"a road must lead from one node to another, got {lane.start!r} twice")
+    if road in roads.pieces:
+        there = roads.entry(road).spot
+        raise entry.error(f"a road from {lane.start!r} to {lane.end!r} is there already, in {there}")
+    roads.number[road] = number
+    if (lane.centre is not None) != (lane.turn in ("left", "right")) or (lane.via and lane.turn is not None):
         raise entry.error("a bend has both centre and turn (left or right), a loop turn: around, other roads neither")
-    if turn == "around":
-        roads.pieces[start, end] = _add_loop(roads, entry, (start, end), shape)
-    elif turn is not None:
-        roads.pieces[start, end] = [(start, end)]
-        _add_arc(roads, fields["centre"], (start, end), turn, shape)
+    points = np.array([roads.nodes[lane.start], *lane.via, roads.nodes[lane.end]], dtype=np.float64)
+    if lane.widths_m and (lane.width_m is not None or lane.turn is not None or len(lane.widths_m) != len(points)):
+        raise entry.part("widths_m").error(
+            f"widths_m must be {len(points)} numbers, for each point of a straight road without width_m"
+        )
+    usual_m_s = LOOP_SPEED_M_S if lane.turn == "around" else SPEED_M_S
+    speed_m_s = float(usual_m_s if lane.speed_m_s is None else lane.speed_m_s)
+    shape = (speed_m_s, float(LANE_M if lane.width_m is None else lane.width_m))
+    if lane.turn == "around":
+        roads.pieces[road] = _add_loop(roads, road, shape)
+    elif lane.centre is not None:
+        roads.pieces[road] = [road]
+        _add_arc(roads, lane, shape)
     else:
-        roads.pieces[start, end] = _add_line(roads, entry, (start, end), fields.get("via"), shape)
-    return "priority" in fields and bool(fields["priority"].checked(require_flag))
+        widths_m = [min(ends) for ends in pairwise(lane.widths_m)] or [shape[1]] * (len(points) - 1)
+        roads.pieces[road] = _add_line(roads, road, points, [(speed_m_s, float(width_m)) for width_m in widths_m])
 
 
-def _add_line(roads: Roads, entry: Entry, road: Road, via: Entry | None, shape: tuple[float, float]) -> list[Road]:
+def _add_line(roads: Roads, road: Road, points: Floats, shapes: Sequence[tuple[float, float]]) -> list[Road]:
     """Add straight pieces from point to point."""
-    between = via.points(1) if via is not None else np.zeros((0, 2))
-    points = np.vstack([roads.nodes[road[0]], between, roads.nodes[road[1]]])
-    names = [road[0], *(f"{road[0]}>{road[1]}.{k}" for k in range(len(between))), road[1]]
+    names = [road[0], *(f"{road[0]}>{road[1]}.{k}" for k in range(len(points) - 2)), road[1]]
     pieces = list(pairwise(names))
-    for piece, ends in zip(pieces, pairwise(points), strict=True):
+    for piece, ends, shape in zip(pieces, pairwise(points), shapes, strict=True):
         length_m = float(exact.norm(ends[1] - ends[0]))
         if length_m < SHORTEST_M:
-            raise (via or entry).error(f"every piece must be at least {SHORTEST_M:g} m long, got {length_m:.2f} m")
+            message = f"every piece must be at least {SHORTEST_M:g} m long, got {length_m:.2f} m"
+            raise roads.entry(road, *(["via"] if len(points) > 2 else [])).error(message)
         add_straight(roads.network, piece, ends, *shape)
     return pieces
 
 
-def _add_arc(roads: Roads, centre: Entry, road: Road, turn: str, shape: tuple[float, float]) -> None:
-    middle = centre.point()
+def _add_arc(roads: Roads, lane: MapLane, shape: tuple[float, float]) -> None:
+    road, turn, middle = (lane.start, lane.end), lane.turn, np.array(lane.centre, dtype=np.float64)
+    centre = roads.entry(road, "centre")
     (start, radius), (end, other) = (_polar(roads.nodes[node] - middle) for node in road)
     if abs(radius - other) > _CENTRE_M:
         raise centre.error(
@@ -175,12 +191,14 @@ def _add_arc(roads: Roads, centre: Entry, road: Road, turn: str, shape: tuple[fl
     add_bend(roads.network, road, middle, (radius, start, start + swept), *shape)
 
 
-def _add_loop(roads: Roads, entry: Entry, road: Road, shape: tuple[float, float]) -> list[Road]:
+def _add_loop(roads: Roads, road: Road, shape: tuple[float, float]) -> list[Road]:
     """Add bends from the end of one lane to the beginning of the next one, on its left."""
     start, end = (roads.nodes[node] for node in road)
     across, half_m = end - start, float(exact.norm(end - start)) / 2
     if not 1.5 <= half_m <= 8.0:
-        raise entry.error(f"a loop must lead from one lane to the next, 3 to 16 m to its left, got {2 * half_m:.2f} m")
+        raise roads.entry(road).error(
+            f"a loop must lead from one lane to the next, 3 to 16 m to its left, got {2 * half_m:.2f} m"
+        )
     ahead_rad = float(exact.arctan2(across[1], across[0])) - np.pi / 2
     cos, sin = exact.cos(ahead_rad), exact.sin(ahead_rad)
     names = [road[0], *(f"{road[0]}>{road[1]}.{k}" for k in range(3)), road[1]]
@@ -199,9 +217,9 @@ def _polar(offset: Floats) -> tuple[float, float]:
 def _require_ways_on(roads: Roads) -> None:
     """Refuse dead ends: traffic never ends, so roads must not, either."""
     starts = {start for start, _ in roads.pieces}
-    for (_, end), entry in roads.entry.items():
-        if end not in starts:
-            raise entry.error(f"no road leads on from {end!r}: write one, as a loop (turn: around)")
+    for road in roads.pieces:
+        if (end := road[1]) not in starts:
+            raise roads.entry(road).error(f"no road leads on from {end!r}: write one, as a loop (turn: around)")
 
 
 def _require_no_kinks(roads: Roads) -> None:
@@ -217,10 +235,26 @@ def _require_no_kinks(roads: Roads) -> None:
             lane = roads.lane(piece)
             turn = abs(float(wrap_angle(roads.lane(after).heading_at(0.0) - lane.heading_at(lane.length))))
             if turn > _KINK_RAD:
-                where = "within a road" if name == road else f"from this road to that in {roads.entry[name].spot}"
-                raise roads.entry[road].error(
+                where = "within a road" if name == road else f"from this road to that in {roads.entry(name).spot}"
+                raise roads.entry(road).error(
                     f"the way turns at once by {np.degrees(turn):.0f} degrees {where}, at most "
                     f"{np.degrees(_KINK_RAD):.0f} are accepted: write a bend (centre and turn)"
+                )
+
+
+def _require_neighbours(roads: Roads) -> None:
+    """Refuse neighbours that are no roads, or have another neighbour on that side."""
+    for road, number in roads.number.items():
+        lane = roads.description.roads[number]
+        for side, names in (("left", lane.left), ("right", lane.right)):
+            if not names:
+                continue
+            beside = roads.description.roads[roads.number[roads.find(names, "roads", number, side)]]
+            back = beside.right if side == "left" else beside.left
+            if tuple(back) != road:
+                raise roads.entry(road, side).error(
+                    f"{side} must be a road that has this one as its other neighbour, [{', '.join(road)}], got one "
+                    f"with [{', '.join(back)}]"
                 )
 
 

@@ -1,10 +1,10 @@
-"""Buildings, walls, trees and street furniture from a file."""
+"""Buildings, walls, trees and street furniture of a description."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import trimesh
@@ -12,24 +12,15 @@ import trimesh
 from coopsim.config.checked_entry import Entry
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
-from coopsim.support.checks import require_between, require_finite_number, require_flag
+from coopsim.support.checks import require_between
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
-from coopsim.world.custom.clearance import MiddleLines, along_outline, read_convex
-from coopsim.world.furniture.furnish import line_pieces
+from coopsim.world.custom.clearance import MiddleLines, along_outline, convex
+from coopsim.world.furniture.furnish import line_pieces, size_m
 from coopsim.world.furniture.kinds import KINDS, Kind
-from coopsim.world.places.scenery import PAINTS
+from coopsim.world.places.description import MapBuilding, MapFurniture, MapTree, MapWall
+from coopsim.world.places.scenery import COLORS, PAINTS
 from coopsim.world.snapshot import StaticPart
-
-COLORS: Mapping[str, tuple[int, int, int]] = {
-    **dict(zip(("brick", "sand", "slate", "ochre"), PAINTS, strict=True)),
-    "white": (222, 220, 212),
-    "rose": (204, 158, 146),
-    "sage": (158, 170, 146),
-    "umber": (124, 98, 80),
-    "concrete": (160, 158, 152),
-}
-"""Colours of buildings; without one they have the first four by turns."""
 
 _REFLECTIVITY = 0.4
 _GLASS, _GLASS_REFLECTIVITY = (66, 80, 94), 0.08  # glass lets light through, or mirrors it away
@@ -41,9 +32,10 @@ _TRUNK_M = 0.2  # radius
 _CROWN = 2 / 3  # share of a tree's height with leaves
 _SAMPLE_M = 1.0  # along lines; no lane is so narrow
 _WALL_COLOR, _WALL_M = (158, 148, 134), 0.25
+_SAME_PLACE = "along must lead from point to point, each another place than the one before"
 
 
-class Building(NamedTuple):
+class Block(NamedTuple):
     """A building or wall.
 
     Attributes:
@@ -55,47 +47,45 @@ class Building(NamedTuple):
     parts: list[StaticPart]
 
 
-def read_building(entry: Entry, number: int, middles: MiddleLines) -> Building:
-    """Return a block with its windows and roof; `number` decides the colour if the file gives none."""
-    fields = entry.fields(("outline", "height_m"), ("windows", "roof", "color"))
-    height_m = float(fields["height_m"].checked(require_between, 0.2, 500))
-    outline = read_convex(fields["outline"], "write a building of another shape as several")
-    middles.require_off_roads(along_outline(outline), fields["outline"], "outline")
-    color = COLORS[fields["color"].choice(COLORS)] if "color" in fields else PAINTS[number % len(PAINTS)]
+def build_block(building: MapBuilding, number: int, root: Entry, middles: MiddleLines) -> Block:
+    """Build a block with its windows and roof; `number`, its place in the list, decides the colour if none is given."""
+    entry, height_m = root.part("buildings", number), float(building.height_m)
+    outline = convex(building.outline, entry.part("outline"), "write a building of another shape as several")
+    middles.require_off_roads(along_outline(outline), "outline", "buildings", number, "outline")
+    color = PAINTS[number % len(PAINTS)] if building.color is None else COLORS[building.color]
     box = box_around(outline, 0.0, height_m)[None]
     block = StaticPart("building", *prism(outline, 0.0, height_m), color, _REFLECTIVITY, closed=True, boxes=box)
     parts = [block]
-    if "windows" in fields and fields["windows"].checked(require_flag):
+    if building.windows:
         parts += _windows(outline, height_m)
-    if "roof" in fields and fields["roof"].choice(("flat", "gable")) == "gable":
+    if building.roof == "gable":
         if len(outline) != 4:
-            raise fields["roof"].error(f"roof must be flat on an outline of {len(outline)} corners, got 'gable'")
+            message = f"roof must be flat on an outline of {len(outline)} corners, got 'gable'"
+            raise entry.part("roof").error(message)
         parts.append(_gable(outline, height_m))
-    return Building([outline], parts)
+    return Block([outline], parts)
 
 
-def read_wall(entry: Entry, middles: MiddleLines) -> Building:
-    """Return a wall of the same height along a line."""
-    fields = entry.fields(("along", "height_m"), ("thickness_m",))
-    line = fields["along"].points(2)
-    height_m = float(fields["height_m"].checked(require_between, 0.2, 20))
-    thick_m = float(fields["thickness_m"].checked(require_between, 0.05, 2)) if "thickness_m" in fields else _WALL_M
+def build_wall(wall: MapWall, number: int, root: Entry, middles: MiddleLines) -> Block:
+    """Build a wall of the same height along a line."""
+    line, height_m = np.array(wall.along, dtype=np.float64), float(wall.height_m)
+    thick_m = _WALL_M if wall.thickness_m is None else float(wall.thickness_m)
     steps = np.diff(line, axis=0)
     length_m = exact.hypot(steps[:, 0], steps[:, 1])
     if not length_m.all():
-        raise fields["along"].error("along must lead from point to point, each another place than the one before")
+        raise root.part("walls", number, "along").error(_SAME_PLACE)
     ahead = steps / length_m[:, None] * thick_m / 2
     aside = np.column_stack([-ahead[:, 1], ahead[:, 0]])
     start, end = line[:-1] - ahead, line[1:] + ahead  # the pieces overlap at corners
     outlines = list(np.stack([start - aside, end - aside, end + aside, start + aside], axis=1))
     for outline in outlines:
-        middles.require_off_roads(along_outline(outline), fields["along"], "the side of the wall")
+        middles.require_off_roads(along_outline(outline), "the side of the wall", "walls", number, "along")
     pieces = [prism(outline, 0.0, height_m) for outline in outlines]
     vertices = np.concatenate([vertices for vertices, _ in pieces])
     faces = np.concatenate([faces + 8 * k for k, (_, faces) in enumerate(pieces)])
     boxes = np.array([box_around(outline, 0.0, height_m) for outline in outlines])
     part = StaticPart("wall", vertices, faces, _WALL_COLOR, _REFLECTIVITY, closed=True, boxes=boxes)
-    return Building(outlines, [part])
+    return Block(outlines, [part])
 
 
 def _windows(outline: Floats, height_m: float) -> list[StaticPart]:
@@ -188,13 +178,12 @@ def _prism_faces(count: int) -> Ints:
     return faces
 
 
-def read_tree(entry: Entry, middles: MiddleLines) -> list[StaticPart]:
+def build_tree(tree: MapTree, number: int, middles: MiddleLines) -> list[StaticPart]:
     """Build a trunk and a crown."""
-    fields = entry.fields(("at",), ("height_m", "crown_m"))
-    at = fields["at"].point()
-    middles.require_off_roads(at[None], fields["at"], "at")
-    height_m = float(fields["height_m"].checked(require_between, 2, 60)) if "height_m" in fields else 9.0
-    crown_m = float(fields["crown_m"].checked(require_between, 0.5, 30)) if "crown_m" in fields else 5.0
+    at = np.array(tree.at, dtype=np.float64)
+    middles.require_off_roads(at[None], "at", "trees", number, "at")
+    height_m = 9.0 if tree.height_m is None else float(tree.height_m)
+    crown_m = 5.0 if tree.crown_m is None else float(tree.crown_m)
     low_m = height_m * (1 - _CROWN)
     trunk_size = np.array([2 * _TRUNK_M, 2 * _TRUNK_M, low_m + 0.5])
     crown_size = np.array([crown_m, crown_m, height_m * _CROWN])
@@ -229,49 +218,41 @@ def _ball() -> tuple[Floats, Ints]:
     return exact.settled(mesh.vertices) / 2, np.asarray(mesh.faces)
 
 
-def read_furniture(entry: Entry, middles: MiddleLines) -> list[dict[str, Any]]:
-    """Read the key `furniture` of a place: a list for `furnishing_parts`."""
-    items, pieces = entry.entries(), []
-    for item in items:
+def require_kinds(entry: Entry) -> None:
+    """Raise an error if a piece of the list `furniture` is of no kind, or has keys or sizes that its kind has not."""
+    for item in entry.entries():
         if "kind" not in (named := item.named()):
             raise item.error(f"kind is missing in furniture. Accepted: {', '.join(KINDS)}")
         kind = KINDS[named["kind"].choice(KINDS, "kind of furniture")]
-        pieces.append(_read_piece(item, kind))
-    ground = [_ground(piece, KINDS[piece["kind"]]) for piece in pieces]
+        fields = item.fields(("kind", "along") if kind.along else ("kind", "at", "heading_deg"), tuple(kind.sizes))
+        if kind.along:
+            fields["along"].polyline(2)
+        for name, size in kind.sizes.items():
+            if name in fields:
+                fields[name].checked(require_between, size.least, size.most)
+
+
+def require_furniture_off_roads(pieces: Sequence[MapFurniture], root: Entry, middles: MiddleLines) -> None:
+    """Raise an error if a piece of furniture stands on a road, or has no length, or a stem longer than all of it."""
+    for k, piece in enumerate(pieces):
+        item = root.part("furniture", k)
+        if piece.along and not np.diff(np.array(piece.along), axis=0).any(axis=1).all():
+            raise item.part("along").error(_SAME_PLACE)
+        if "stem_m" in KINDS[piece.kind].sizes and size_m(piece, "stem_m") >= size_m(piece, "height_m"):
+            raise item.error("stem_m must be less than height_m: the crown is between them")
+    ground = [_ground(piece, KINDS[piece.kind]) for piece in pieces]
     if ground and middles.are_met(np.concatenate(ground)):  # in one go: a town has hundreds of pieces
-        for item, points in zip(items, ground, strict=True):
-            middles.require_off_roads(points, item, "furniture")
-    return pieces
+        for k, points in enumerate(ground):
+            middles.require_off_roads(points, "furniture", "furniture", k)
 
 
-def _read_piece(item: Entry, kind: Kind) -> dict[str, Any]:
-    required = ("kind", "along") if kind.along else ("kind", "at", "heading_deg")
-    fields = item.fields(required, tuple(kind.sizes))
-    piece: dict[str, Any] = {"kind": fields["kind"].text()}
-    if kind.along:
-        points = fields["along"].points(2)
-        if not np.diff(points, axis=0).any(axis=1).all():
-            raise fields["along"].error("along must lead from point to point, each another place than the one before")
-        piece["along"] = points.tolist()
-    else:
-        piece["at"] = fields["at"].point().tolist()
-        piece["heading_deg"] = float(fields["heading_deg"].checked(require_finite_number))
-    for name, size in kind.sizes.items():
-        if name in fields:
-            piece[name] = float(fields[name].checked(require_between, size.least, size.most))
-    if piece.get("stem_m", kind.sizes["stem_m"].usual if "stem_m" in kind.sizes else 0) >= piece.get("height_m", 9.0):
-        raise item.error("stem_m must be less than height_m: the crown is between them")
-    return piece
-
-
-def _ground(piece: dict[str, Any], kind: Kind) -> Floats:
+def _ground(piece: MapFurniture, kind: Kind) -> Floats:
     """Return points (N, 2) m that must not be on a road."""
     if kind.along:
-        points = np.array(piece["along"])
+        points = np.array(piece.along, dtype=np.float64)
         return np.concatenate([line_pieces(points, _SAMPLE_M)[0], points])
     length, width = kind.ground_m
-    heading = np.radians(piece["heading_deg"])
+    heading, at = np.radians(piece.heading_deg or 0.0), np.array(piece.at, dtype=np.float64)
     ahead, left = np.array([[exact.cos(heading), exact.sin(heading)], [-exact.sin(heading), exact.cos(heading)]])
     corners = [(a * length / 2, b * width / 2) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
-    around = [piece["at"] + a * ahead + b * left for a, b in corners]
-    return np.array([piece["at"], *around])
+    return np.array([at, *(at + a * ahead + b * left for a, b in corners)])

@@ -1,8 +1,8 @@
-"""People's ways from a file: a graph of straight ways, some of which cross roads."""
+"""People's ways: a graph of straight ways, some of which cross roads."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -11,16 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.config.checked_entry import Entry
+from coopsim.errors import UnknownNameError
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Mask
+from coopsim.world.places.description import MapWays
 from coopsim.world.places.layout import Footways
 from coopsim.world.places.road_network import RoadNetwork
 from coopsim.world.traffic.lanes import NumberedNetwork, distance_to_box, local_coordinates
-
-WAYS_KEYS: tuple[tuple[str, ...], tuple[str, ...]] = (("nodes", "ways"), ("crosswalks",))
-"""Keys that `walks` and `rides` need, and further ones."""
 
 _PAVEMENT_M = 3.0
 _CROSSWALK_HALF_M = 1.5
@@ -35,7 +34,7 @@ _Link = tuple[str, str]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ways:
-    """People's ways of a file.
+    """People's ways of a description.
 
     Attributes:
         footways: the graph.
@@ -50,23 +49,21 @@ class Ways:
     stripes: list[Floats]
 
 
-def read_ways(entry: Entry, network: RoadNetwork, *, one_way: bool = False) -> Ways:
-    """Read ways from an entry with `nodes`, `ways` and `crosswalks`, each way a list of nodes along it.
+def build_ways(walks: MapWays, entry: Entry, network: RoadNetwork, *, one_way: bool = False) -> Ways:
+    """Build ways; `entry` is theirs, for errors.
 
     Stripes are painted where a crosswalk is on a road. With `one_way` people go along each way in one direction only.
     """
-    fields = entry.fields(*WAYS_KEYS)
-    named = fields["nodes"].named()
-    nodes = {name: place.point() for name, place in named.items()}
-    plain = _links(fields["ways"], nodes)
-    across = _links(fields["crosswalks"], nodes) if "crosswalks" in fields else []
+    nodes = {name: np.array(place, dtype=np.float64) for name, place in walks.nodes.items()}
+    plain = _links(walks.ways, entry.part("ways"), nodes)
+    across = _links(walks.crosswalks, entry.part("crosswalks"), nodes)
     if not plain:
-        raise fields["ways"].error("ways must be at least one: people start there, and not on crosswalks")
+        raise entry.part("ways").error("ways must be at least one: people start there, and not on crosswalks")
     footways = _graph(nodes, plain, across, one_way=one_way)
     lanes = NumberedNetwork(network).arrays.lanes if across else np.zeros(0)
     for name, row in zip(nodes, footways.neighbours, strict=True):
         if not (row >= 0).any():
-            raise named[name].error(f"no way leads on from {name!r}")
+            raise entry.part("nodes", name).error(f"no way leads on from {name!r}")
     corners = [place + _CORNER for place in nodes.values()]
     return Ways(
         footways,
@@ -76,13 +73,16 @@ def read_ways(entry: Entry, network: RoadNetwork, *, one_way: bool = False) -> W
     )
 
 
-def _links(entry: Entry, nodes: Mapping[str, Floats]) -> list[_Link]:
+def _links(ways: Sequence[Sequence[str]], entry: Entry, nodes: Mapping[str, Floats]) -> list[_Link]:
     """Return pairs of consecutive nodes."""
     links: list[_Link] = []
-    for way in entry.entries():
-        names = [item.choice(nodes, "node") for item in way.entries(" of nodes for each")]
+    for k, names in enumerate(ways):
+        for place, name in enumerate(names):
+            if name not in nodes:
+                raise entry.part(k, place).error(str(UnknownNameError("node", name, nodes)))
         if len(names) < 2 or any(a == b for a, b in pairwise(names)):
-            raise way.error(f"{entry.name} must lead from node to node, each once, got [{', '.join(names)}]")
+            message = f"{entry.name} must lead from node to node, each once, got [{', '.join(names)}]"
+            raise entry.part(k).error(message)
         links += pairwise(names)
     return links
 

@@ -1,12 +1,11 @@
-"""Furniture, plants and painted lines for any layout: entries as in files, and their meshes."""
+"""Furniture, plants and painted lines for any layout, and their meshes."""
 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from coopsim.world.furniture.free_ground import lanes_of, obstacles_of
 from coopsim.world.furniture.placement import Placer, Plot
 from coopsim.world.furniture.sides import fronts, street_sides, way_sides
 from coopsim.world.furniture.solids import Shape
+from coopsim.world.places.description import MapFurniture, MapTree, PlaceDescription
 from coopsim.world.places.layout import MARKING, Layout, flat_part
 from coopsim.world.relief.relief import laid_on
 from coopsim.world.snapshot import StaticPart
@@ -26,8 +26,8 @@ _AROUND_M = 60.0  # beyond the ends of lanes and ways
 _AHEAD_M = 1_500.0  # where traffic is kept up around cars that go on and on along x
 
 
-def furnish(layout: Layout, seed: int) -> list[dict[str, Any]]:
-    """Return furniture and plants for a layout, as entries of the key `furniture` of a place.
+def furnish(layout: Layout, seed: int) -> list[MapFurniture]:
+    """Return furniture and plants for a layout.
 
     Places depend on the layout and the seed alone. Nothing stands on roads or where long vehicles sweep over their
     edges, near the lines along which people walk and ride (`free_ground.WALK_M`), on crosswalks, in bays, in buildings
@@ -58,9 +58,6 @@ def area_of(layout: Layout) -> Floats:
     return area
 
 
-FurnitureEntry = Mapping[str, Any]
-"""Entry with `kind`, `at` and `heading_deg`, or `along` for kinds that stand along a line; and sizes of the kind."""
-
 _VARIANTS = 12
 _ROUNDED_M = 0.05  # of lengths along lines, so that most pieces share a mesh
 
@@ -72,15 +69,15 @@ _Placed = tuple[str, Shape, int]
 
 
 def furnishing_parts(
-    entries: Sequence[FurnitureEntry], relief_heights: Callable[[Floats], Floats] | None = None
+    pieces: Sequence[MapFurniture], relief_heights: Callable[[Floats], Floats] | None = None
 ) -> tuple[StaticPart, ...]:
-    """Build the meshes of furniture; the variant of an entry depends on its number in the list.
+    """Build the meshes of furniture; the variant of a piece depends on its number in the list.
 
     `relief_heights` gives heights (N,) m of the ground at points (N, 2) m; None: 0 everywhere.
     """
     stands: dict[_Key, list[_Stand]] = {}
-    for number, entry in enumerate(entries):
-        for key, stand in _pieces(entry, 7 * number):
+    for number, piece in enumerate(pieces):
+        for key, stand in _pieces(piece, 7 * number):
             stands.setdefault(key, []).append(stand)
     poses = [np.array(each) for each in stands.values()]
     spots = np.concatenate([np.zeros((0, 3)), *poses])
@@ -110,15 +107,20 @@ def line_pieces(points: Floats, step_m: float) -> tuple[Floats, Floats, Floats]:
     return np.concatenate(middles), np.concatenate(headings), np.concatenate(lengths)
 
 
-def _pieces(entry: FurnitureEntry, variant: int) -> list[tuple[_Key, _Stand]]:
-    """Return keys of the models of an entry, and their poses."""
-    name = entry["kind"]
-    kind = kinds.KINDS[name]
-    sizes = tuple(float(entry.get(size, given.usual)) for size, given in kind.sizes.items())
-    if not kind.along:
-        x, y = entry["at"]
-        return [((name, sizes, variant % _VARIANTS), (x, y, np.radians(entry["heading_deg"])))]
-    middles, headings, lengths = line_pieces(np.array(entry["along"], dtype=np.float64), kind.step_m)
+def size_m(piece: MapFurniture, name: str) -> float:
+    """Return a size of a piece, the usual one of its kind if it has none of its own."""
+    given = getattr(piece, name)
+    return float(kinds.KINDS[piece.kind].sizes[name].usual if given is None else given)
+
+
+def _pieces(piece: MapFurniture, variant: int) -> list[tuple[_Key, _Stand]]:
+    """Return keys of the models of a piece, and their poses."""
+    name, kind = piece.kind, kinds.KINDS[piece.kind]
+    sizes = tuple(size_m(piece, size) for size in kind.sizes)
+    if piece.at is not None:
+        x, y = piece.at
+        return [((name, sizes, variant % _VARIANTS), (x, y, np.radians(piece.heading_deg or 0.0)))]
+    middles, headings, lengths = line_pieces(np.array(piece.along, dtype=np.float64), kind.step_m)
     rounded = np.maximum(np.round(lengths / _ROUNDED_M), 1.0) * _ROUNDED_M
     # Steps of three keep the colour, which goes by thirds, and change the leaves.
     return [
@@ -161,16 +163,16 @@ def _moved(parts: Sequence[Floats], where: Ints, poses: Floats, ground_m: Floats
 _STEM = 0.3  # share of a tree's height without leaves, of trees that stand by themselves
 
 
-def with_furniture(layout: Layout, entries: Sequence[FurnitureEntry]) -> Layout:
+def with_furniture(layout: Layout, pieces: Sequence[MapFurniture]) -> Layout:
     """Return a layout with furniture and painted lines, on its own ground, instead of what it had."""
     heights = None if layout.relief is None else layout.relief.heights
-    return replace(layout, furnishing=(*lane_paint(layout), *furnishing_parts(entries, heights)))
+    return replace(layout, furnishing=(*lane_paint(layout), *furnishing_parts(pieces, heights)))
 
 
-def furnished(layout: Layout, description: Mapping[str, Any], seed: int) -> tuple[Layout, dict[str, Any]]:
-    """Add furniture to a layout and to its description, from which the same layout can be read."""
-    entries = [*description.get("furniture", ()), *furnish(layout, seed)]
-    return with_furniture(layout, entries), {**description, "furniture": entries}
+def furnished(layout: Layout, description: PlaceDescription, seed: int) -> tuple[Layout, PlaceDescription]:
+    """Add furniture to a layout and to its description, from which the same layout can be built."""
+    pieces = (*(description.furniture or ()), *furnish(layout, seed))
+    return with_furniture(layout, pieces), replace(description, furniture=pieces)
 
 
 def furnished_for(identity: str, layout: Layout) -> Layout:
@@ -178,19 +180,21 @@ def furnished_for(identity: str, layout: Layout) -> Layout:
     return with_furniture(layout, furnish(layout, zlib.crc32(identity.encode())))
 
 
-def leafy(description: Mapping[str, Any]) -> dict[str, Any]:
+def leafy(description: PlaceDescription) -> PlaceDescription:
     """Return a description with its plain trees (key `trees`) as furniture, through which some rays pass."""
-    trees = [_leafy(tree, number) for number, tree in enumerate(description.get("trees", ()))]
-    rest = {key: value for key, value in description.items() if key != "trees"}
-    return {**rest, "furniture": [*rest.get("furniture", ()), *trees]} if trees else rest
+    if not description.trees:
+        return description
+    trees = tuple(_leafy(tree, number) for number, tree in enumerate(description.trees))
+    return replace(description, trees=(), furniture=(*(description.furniture or ()), *trees))
 
 
-def _leafy(tree: Mapping[str, Any], number: int) -> dict[str, Any]:
-    sizes = {name: round(2 * float(tree[name])) / 2 for name in ("height_m", "crown_m") if name in tree}
-    height_m = sizes.get("height_m", kinds.KINDS["tree"].sizes["height_m"].usual)
-    stem_m = round(min(max(_STEM * height_m, 0.5), kinds.YARD_STEM_M), 1)
+def _leafy(tree: MapTree, number: int) -> MapFurniture:
+    height_m, crown_m = (None if size is None else round(2 * float(size)) / 2 for size in (tree.height_m, tree.crown_m))
+    usual_m = kinds.KINDS["tree"].sizes["height_m"].usual
+    stem_m = round(min(max(_STEM * (usual_m if height_m is None else height_m), 0.5), kinds.YARD_STEM_M), 1)
     # Trees have no front: their branches lead in all directions.
-    return {"kind": "tree", "at": list(tree["at"]), "heading_deg": 77.0 * number % 360.0, **sizes, "stem_m": stem_m}
+    turned_deg = 77.0 * number % 360.0
+    return MapFurniture("tree", tree.at, turned_deg, height_m=height_m, crown_m=crown_m, stem_m=stem_m)
 
 
 _PAINT_M = 0.012  # over the road, more than water and stripes

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
+from coopsim.config.annotated import Point
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import numbered
@@ -25,6 +25,7 @@ from coopsim.world.furniture.free_ground import (
     settle,
 )
 from coopsim.world.furniture.sides import Sides
+from coopsim.world.places.description import MapFurniture
 
 _STEPS_M = 0.5 * np.arange(8)  # distances that a piece is moved outward, until it fits
 _LINE_STEPS_M = 0.5 * np.arange(6)
@@ -186,10 +187,10 @@ _HEAD_AHEAD_M = 1.2  # of a lamp, before its post
 
 
 class Plot:
-    """Free ground around obstacles, and the furniture put on it so far, as entries of a file."""
+    """Free ground around obstacles, and the furniture put on it so far."""
 
     def __init__(self, obstacles: Obstacles) -> None:
-        self.entries: list[dict[str, Any]] = []
+        self.entries: list[MapFurniture] = []
         self._obstacles = obstacles
         self._standing = Discs(np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.int64))
 
@@ -211,10 +212,8 @@ class Plot:
         fits = self._settle(discs, each, none if choice is None else choice, none)
         degrees = np.round(np.degrees(stands[:, 2]), 3)
         for n in np.flatnonzero(fits).tolist():
-            entry = {"kind": kind, "at": _rounded(stands[n, :2]), "heading_deg": float(degrees[n])}
-            if sizes is not None:
-                entry |= {name: float(size) for name, size in zip(kinds.KINDS[kind].sizes, sizes[n], strict=True)}
-            self.entries.append(entry)
+            own = {} if sizes is None else dict(zip(kinds.KINDS[kind].sizes, sizes[n].tolist(), strict=True))
+            self.entries.append(MapFurniture(kind, _rounded(stands[n, :2]), float(degrees[n]), **own))
 
     def are_free(self, kind: str, ends: Floats, *, bulky: bool) -> Mask:
         """Return the mask (N,) of pieces (N, 2, 2) m of a line that keep off obstacles; furniture is ignored."""
@@ -231,13 +230,14 @@ class Plot:
         layers = np.full(len(owner), _layers(kind, bulky=bulky))
         discs = Discs(ends[owner, 0] + share[:, None] * along[owner], np.full(len(owner), 1.1 * radius), layers)
         fits = np.flatnonzero(self._settle(discs, each, np.full(len(ends), -1), run))
-        line: list[list[float]] = []
+        line: list[Point] = []
         for n, after in zip(fits.tolist(), [*fits.tolist(), -1][1:], strict=True):
             line = line or [_rounded(ends[n, 0])]
             line.append(_rounded(ends[n, 1]))
             if after < 0 or run[after] != run[n] or not np.array_equal(ends[after, 0], ends[n, 1]):
-                straight = [point for k, point in enumerate(line) if k in (0, len(line) - 1) or not _between(line, k)]
-                self.entries.append({"kind": kind, "along": straight})
+                ends_of_line = (0, len(line) - 1)
+                straight = tuple(each for k, each in enumerate(line) if k in ends_of_line or not _between(line, k))
+                self.entries.append(MapFurniture(kind, along=straight))
                 line = []
 
     def _settle(self, discs: Discs, each: Ints, choice: Ints, run: Ints) -> Mask:
@@ -277,11 +277,12 @@ def _half_m(kind: str) -> float:
     return max(kinds.KINDS[kind].ground_m[1] / 2, 0.2)
 
 
-def _rounded(point: Floats) -> list[float]:
-    return [float(value) for value in np.round(point, 3)]
+def _rounded(point: Floats) -> Point:
+    x, y = np.round(point, 3).tolist()
+    return x, y
 
 
-def _between(line: list[list[float]], k: int) -> bool:
+def _between(line: list[Point], k: int) -> bool:
     """Return whether a point of a line is, to a millimetre, on the straight line between its neighbours."""
     (ax, ay), (bx, by), (cx, cy) = line[k - 1], line[k], line[k + 1]
     return bool(abs((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) < 1e-3 * exact.hypot(cx - ax, cy - ay))

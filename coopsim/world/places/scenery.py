@@ -16,6 +16,16 @@ Building = tuple[tuple[float, float], tuple[float, float], float]
 """Extent along x and along y, and height, m."""
 
 PAINTS = ((176, 112, 88), (198, 186, 160), (140, 146, 158), (186, 150, 110))
+COLORS = {
+    **dict(zip(("brick", "sand", "slate", "ochre"), PAINTS, strict=True)),
+    "white": (222, 220, 212),
+    "rose": (204, 158, 146),
+    "sage": (158, 170, 146),
+    "umber": (124, 98, 80),
+    "concrete": (160, 158, 152),
+}
+"""Colours of buildings; without one they have `PAINTS` by turns."""
+
 _GROUND = rectangle((-260.0, 260.0), (-260.0, 260.0))
 
 

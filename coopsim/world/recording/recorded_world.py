@@ -73,7 +73,7 @@ class RecordedWorld:
             _sizes(world.models),
             place=_checksum(world.static),
             detail=scenario.detail,
-            description=scenario.description,
+            description=None if scenario.description is None else scenario.description.plain,
             place_seed=scenario.place_seed,
         )
         self._writer = EpisodeWriter(path, header)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -53,7 +53,7 @@ class Item(NamedTuple):
     size_m: tuple[float, float]
     layers: int
     crown_m: float = 0.0
-    sizes: Mapping[str, float] = {}
+    sizes: Mapping[str, Any] = {}
     on_seat: bool = False
 
 

@@ -14,6 +14,7 @@ from coopsim.support.arrays import numbered
 from coopsim.types import Ints, Mask
 from coopsim.world.furniture.free_ground import CROWN, GROUND, Candidates, Discs, Obstacles, are_free, settle
 from coopsim.world.furniture.kinds import KINDS
+from coopsim.world.places.description import MapFurniture
 from coopsim.world.places.layout import Bystander
 from coopsim.world.surroundings.draft import LOW_CROWN_M, Draft, Item
 
@@ -35,13 +36,13 @@ class Stage:
     Attributes:
         obstacles: outlines that stay free.
         lanes: the lanes, over which no low crown hangs.
-        entries: furniture, as entries of a file.
+        furniture: pieces.
         bystanders: people and vehicles at rest.
     """
 
     obstacles: Obstacles
     lanes: Obstacles
-    entries: list[dict[str, Any]] = field(default_factory=list)
+    furniture: list[MapFurniture] = field(default_factory=list)
     bystanders: list[Bystander] = field(default_factory=list)
     _standing: Discs = field(default_factory=lambda: Discs(np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.int64)))
 
@@ -71,11 +72,11 @@ class Stage:
         for k in np.flatnonzero(fits).tolist():
             self._build(drafts[k // steps].items, anchors[k // steps], steps_m[k % steps])
 
-    def plant(self, spots: Sequence[tuple[float, float]], sizes_m: Mapping[str, float]) -> None:
+    def plant(self, spots: Sequence[tuple[float, float]], sizes_m: Mapping[str, Any]) -> None:
         """Plant trees of one size at places (m) that are known to be free but for what their crowns may not touch."""
         at, radius = np.array(spots, dtype=np.float64).reshape(-1, 2), sizes_m["crown_m"] / 2 - LOW_CROWN_M
         free = are_free(at, radius, CROWN, self.obstacles) & are_free(at, radius, GROUND, self.lanes)
-        self.entries += [{"kind": "tree", "at": spot, "heading_deg": 0.0, **sizes_m} for spot in at[free].tolist()]
+        self.furniture += [MapFurniture("tree", (x, y), 0.0, **sizes_m) for x, y in at[free].tolist()]
 
     def _over_lanes(self, middles: Floats, radii: Floats, layers: Ints) -> Mask:
         """Return the mask (N,) of crowns over a lane."""
@@ -97,10 +98,10 @@ class Stage:
             elif KINDS[item.kind].along:
                 half = item.size_m[0] / 2
                 dx, dy = half * float(exact.cos(heading)), half * float(exact.sin(heading))
-                self.entries.append({"kind": item.kind, "along": [[x - dx, y - dy], [x + dx, y + dy]], **item.sizes})
+                ends = ((x - dx, y - dy), (x + dx, y + dy))
+                self.furniture.append(MapFurniture(item.kind, along=ends, **item.sizes))
             else:
-                turn = {"at": [x, y], "heading_deg": float(np.degrees(heading))}
-                self.entries.append({"kind": item.kind, **turn, **item.sizes})
+                self.furniture.append(MapFurniture(item.kind, (x, y), float(np.degrees(heading)), **item.sizes))
 
 
 def _placed(points: Floats, at_m: Floats, cos: Floats, sin: Floats, step_m: Floats | float) -> Floats:

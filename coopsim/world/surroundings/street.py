@@ -65,7 +65,7 @@ def as_street(layout: Layout, seed: int, *, park: bool) -> Layout:
         drafts = _compose(compositions, len(anchors), cast, stream(seed, "surroundings", zone))
         stage.put(drafts, anchors, steps_m)
     heights = None if layout.relief is None else layout.relief.heights
-    pieces = furnishing_parts(stage.entries, heights)
+    pieces = furnishing_parts(stage.furniture, heights)
     return replace(
         layout, furnishing=(*layout.furnishing, *pieces), bystanders=tuple(stage.bystanders[:MOST_BYSTANDERS])
     )

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
+from coopsim.config.annotated import Point
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.types import Ints
+from coopsim.world.places.description import MapWays, point_of
 from coopsim.world.towns.geometry import keep_corners
 from coopsim.world.towns.kerbs import CORNER, STREET, Round
 from coopsim.world.towns.plan import Junction, Plan, Street
@@ -101,9 +102,9 @@ def _sides_of(rounds: tuple[Round, ...], kind: int) -> dict[tuple[int, int], tup
     }
 
 
-def describe_ways(ways: PeopleWays) -> dict[str, Any]:
-    """Return the key `walks` of a description."""
-    nodes: dict[str, list[float]] = {}
+def describe_ways(ways: PeopleWays) -> MapWays:
+    """Return the ways of a description."""
+    nodes: dict[str, Point] = {}
     names: dict[End, str] = {}
     round_ways = []
     for number, line in enumerate(ways.lines):
@@ -115,11 +116,11 @@ def describe_ways(ways: PeopleWays) -> dict[str, Any]:
         for place in sorted({*ends, *plain[apart].astype(float).tolist()}):
             name = f"w{len(nodes)}"
             at = ways.place((number, place)) if place % 1.0 else line[int(place)]
-            nodes[name], names[number, place] = at.tolist(), name
+            nodes[name], names[number, place] = point_of(at), name
             circle.append(name)
-        round_ways.append([*circle, circle[0]])
-    across = [[names[k, place % len(ways.lines[k])] for k, place in crossing] for crossing in ways.crossings]
-    return {"nodes": nodes, "ways": round_ways, "crosswalks": across}
+        round_ways.append((*circle, circle[0]))
+    across = (tuple(names[k, place % len(ways.lines[k])] for k, place in crossing) for crossing in ways.crossings)
+    return MapWays(nodes, tuple(round_ways), tuple(across))
 
 
 def _is_steady(street: Street, along_m: float) -> bool:

@@ -1,4 +1,4 @@
-"""Keys `nodes` and `roads` of a town's description: every lane of its plan, piece by piece, and ways over junctions.
+"""Nodes and roads of a town's description: every lane of its plan, piece by piece, and ways over junctions.
 
 Nodes of lanes are named `s3f0.2`: street 3, forwards (`b`: backwards), lane 0 (next to the centre line), third place
 along the lane. Those of a roundabout are `j2in1` and `j2out1`: junction 2, where arm 1 joins and leaves the ring.
@@ -13,8 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from coopsim.config.annotated import Point
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
+from coopsim.world.places.description import MapLane, point_of
 from coopsim.world.towns.kerbs import touch_rad
 from coopsim.world.towns.plan import LANE_M, Junction, Plan, Station, Street, Stretch
 
@@ -139,26 +141,26 @@ class TownLane:
 
 @dataclass(slots=True)
 class TownRoads:
-    """Roads of a town: keys of a description, and the lanes of streets.
+    """Roads of a town, and the lanes of streets.
 
     Attributes:
-        nodes: key `nodes`: [x, y] m by name.
-        roads: key `roads`.
+        nodes: points by name.
+        roads: lanes between them.
         lanes: lanes of streets.
         stops: names of nodes at stop lines, by junction and arm, from the inner lane outwards; at turning loops by None
             and the number of the street.
         exits: names of the first nodes outwards, likewise.
     """
 
-    nodes: dict[str, list[float]] = field(default_factory=dict)
-    roads: list[dict[str, Any]] = field(default_factory=list)
+    nodes: dict[str, Point] = field(default_factory=dict)
+    roads: list[MapLane] = field(default_factory=list)
     lanes: list[TownLane] = field(default_factory=list)
     stops: dict[tuple[int | None, int], list[str]] = field(default_factory=dict)
     exits: dict[tuple[int | None, int], list[str]] = field(default_factory=dict)
 
     def add_node(self, name: str, place: Floats) -> str:
         """Add a node at a place (2,) m; return its name."""
-        self.nodes[name] = [float(place[0]), float(place[1])]
+        self.nodes[name] = point_of(place)
         return name
 
     def add_bend(self, road: tuple[str, str], centre: Floats, left: bool, speed_m_s: float, **more: Any) -> None:
@@ -166,12 +168,11 @@ class TownRoads:
         radius = exact.hypot(self.nodes[road[0]][0] - centre[0], self.nodes[road[0]][1] - centre[1])
         turn = "left" if left else "right"
         speed = min(speed_m_s, math.sqrt(_LATERAL_M_S2 * radius))
-        middle = [float(centre[0]), float(centre[1])]
-        self.add_road(road, speed, centre=middle, turn=turn, **more)
+        self.add_road(road, speed, centre=point_of(centre), turn=turn, **more)
 
     def add_road(self, road: tuple[str, str], speed_m_s: float, **more: Any) -> None:
         """Add a road, which is straight unless `more` bends it."""
-        self.roads.append({"from": road[0], "to": road[1], "width_m": LANE_M, "speed_m_s": round(speed_m_s, 1), **more})
+        self.roads.append(MapLane(*road, width_m=LANE_M, speed_m_s=round(speed_m_s, 1), **more))
 
 
 def lay_roads(plan: Plan) -> TownRoads:

@@ -6,6 +6,7 @@ import numpy as np
 
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
+from coopsim.world.places.description import MapBay, MapHump, MapPatch, MapTree, MapUnit, line_of, point_of
 from coopsim.world.places.layout import rectangle
 from coopsim.world.towns.buildings import Part
 from coopsim.world.towns.geometry import convex_pieces, distances_to_lines, keep_corners
@@ -97,8 +98,8 @@ def _bulges(each: Round, ways: PeopleWays) -> np.ndarray[tuple[int], np.dtype[np
 def _pave(site: Site, surfaces: Floats, kind: str) -> None:
     """Add surfaces (N, K, 2) m with three or four corners each."""
     corners, count = convex_pieces(np.ascontiguousarray(surfaces))
-    for outline, number in zip(corners.tolist(), count.tolist(), strict=True):
-        site.add("paved", outline=outline[:number], kind=kind)
+    for outline, number in zip(corners, count.tolist(), strict=True):
+        site.pave(outline[:number], kind)
 
 
 def place_roadside_units(site: Site) -> None:
@@ -123,8 +124,8 @@ def place_roadside_units(site: Site) -> None:
     for _, at, number in sorted(spare, key=lambda each: -each[0])[: max(0, _LEAST - at_meeting)]:
         found.append((False, 1.0, at, number))  # people pass close by
     for elsewhere, draw, at, number in sorted(found, key=lambda each: each[:2]):
-        if not elsewhere or draw < _ELSEWHERE or "rsus" not in site.items:
-            site.add("rsus", at=at.tolist(), look_at=site.plan.junctions[number].centre.tolist())
+        if not elsewhere or draw < _ELSEWHERE or "rsus" not in site.parts:
+            site.add("rsus", MapUnit(point_of(at), point_of(site.plan.junctions[number].centre)))
             site.kerbside.take(at + np.array([[-0.2, 0.0], [0.2, 0.0]]), 0.2)
 
 
@@ -159,14 +160,14 @@ def line_streets(site: Site) -> None:
                 trunk = at + rectangle((-_TRUNK_M, _TRUNK_M), (-_TRUNK_M, _TRUNK_M))
                 if site.kerbside.try_take([trunk]):
                     height_m, crown_m = size * rng.uniform(8.0, 10.5), size * rng.uniform(3.0, 3.9)
-                    site.add("trees", at=at.tolist(), height_m=round(height_m, 2), crown_m=round(crown_m, 2))
+                    site.add("trees", MapTree(point_of(at), round(height_m, 2), round(crown_m, 2)))
 
 
 def plant_behind(site: Site) -> None:
     """Plant trees on private ground and on the islands of roundabouts, and put sheds behind the buildings."""
     for junction in site.plan.junctions:
         if junction.kind == "roundabout" and junction.ring_m - LANE_M / 2 > 5.0:
-            site.add("trees", at=junction.centre.tolist(), height_m=7.5, crown_m=4.5)
+            site.add("trees", MapTree(point_of(junction.centre), 7.5, 4.5))
     for number, (each, border) in enumerate(zip(site.rounds, site.borders, strict=True)):
         length_m = float(exact.norm(np.diff(border, axis=0), axis=1).sum())
         rng = site.stream("sheds", number)
@@ -224,7 +225,7 @@ def _mark(site: Site, street: Street, way: int, along: Floats) -> None:
         cos, sin = exact.cos(heading), exact.sin(heading)
         a, b = _VEHICLE_M[0] / 2 * np.array([cos, sin]), _VEHICLE_M[1] / 2 * np.array([-sin, cos])
         if site.kerbside.try_take([at + np.array([-a - b, a - b, a + b, b - a])]):
-            site.add("parked", at=at.tolist(), heading_deg=float(np.degrees(heading)))
+            site.add("parked", MapBay(point_of(at), float(np.degrees(heading))))
 
 
 def add_humps(site: Site) -> None:
@@ -238,14 +239,8 @@ def add_humps(site: Site) -> None:
         half_m = street.half_m([along_m - 4.0, along_m + 4.0])
         if not wanted or crossed or min(along_m - first, last - along_m) < _HUMP_FREE_M or half_m.max() > LANE_M + 0.01:
             continue
-        site.add(
-            "humps",
-            at=street.position(along_m, -0.02)[0].tolist(),
-            heading_deg=float(np.degrees(street.heading(along_m)[0])),
-            width_m=2 * LANE_M,
-            length_m=3.7,
-            height_m=round(float(height_m), 3),
-        )
+        at, heading_deg = point_of(street.position(along_m, -0.02)[0]), float(np.degrees(street.heading(along_m)[0]))
+        site.add("humps", MapHump(at, heading_deg, 2 * LANE_M, 3.7, round(float(height_m), 3)))
 
 
 def add_puddles(site: Site) -> None:
@@ -266,4 +261,4 @@ def add_puddles(site: Site) -> None:
         after = np.roll(sides, -1, axis=0)
         turns = way * (sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0])
         if turns.min() > 0.0:  # in sharp bends some are not convex
-            site.add("wet", outline=outline.tolist())
+            site.add("wet", MapPatch(line_of(outline)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from numbers import Integral
@@ -76,8 +75,8 @@ class TownScenarios(EpisodeScenarios):
         """Return the scenario of the place that belongs to the episode with this seed."""
         place, layout, population = self._drawn(seed)
         if self._detail == "street":
-            identity = json.dumps(place.description, sort_keys=True)
-            layout = street_for(identity, layout, park=not population.parked)
+            assert place.description is not None, "it was built from one"
+            layout = street_for(place.description.identity, layout, park=not population.parked)
         return Scenario(TOWN, layout, population, self._detail, place.description, self._seeds.of(seed))
 
     def _drawn(self, seed: int) -> tuple[Place, Layout, Population]:

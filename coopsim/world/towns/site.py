@@ -1,4 +1,4 @@
-"""A town under construction: keys of its description so far, and the ground that they take up."""
+"""A town under construction: parts of its description so far, and the ground that they take up."""
 
 from __future__ import annotations
 
@@ -12,6 +12,15 @@ import numpy as np
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
+from coopsim.world.places.description import (
+    MapArea,
+    MapBay,
+    MapBuilding,
+    MapTree,
+    MapWall,
+    line_of,
+    point_of,
+)
 from coopsim.world.towns.buildings import Part
 from coopsim.world.towns.geometry import TakenGround
 from coopsim.world.towns.kerbs import Round
@@ -62,7 +71,7 @@ class Site:
         borders: (N, 2) m for each round, edges of private ground.
         taken: ground that is taken.
         kerbside: ground that vehicles parked at the kerb keep free, such as ways to driveways.
-        items: lists of a description, by key.
+        parts: parts of the description so far, by its field.
     """
 
     plan: Plan
@@ -74,15 +83,15 @@ class Site:
     borders: list[Floats]
     taken: TakenGround = field(default_factory=TakenGround)
     kerbside: TakenGround = field(default_factory=TakenGround)
-    items: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    parts: dict[str, list[Any]] = field(default_factory=dict)
 
     def stream(self, *names: object) -> np.random.Generator:
         """Return the random numbers of a part of the town."""
         return stream(self.seed, *map(str, names))
 
-    def add(self, key: str, **item: Any) -> None:
-        """Add an item to a list of the description."""
-        self.items.setdefault(key, []).append(item)
+    def add(self, name: str, part: Any) -> None:
+        """Add a part to a field of the description."""
+        self.parts.setdefault(name, []).append(part)
 
     def build(
         self,
@@ -94,7 +103,7 @@ class Site:
     ) -> bool:
         """Add a building of parts on their ground if all are `gap_m` from others; return whether they are.
 
-        `style` has further keys of the description; only parts of four corners have gables.
+        `style` has further fields of a `MapBuilding`; only parts of four corners have gables.
         """
         outlines = [frame.place(part.outline) for part in parts]
         if not self.taken.try_take(outlines, gap_m):
@@ -102,7 +111,7 @@ class Site:
         for outline, part in zip(outlines, parts, strict=True):
             own = style if len(outline) == 4 else {key: value for key, value in style.items() if key != "roof"}
             up_m = round(max(_LOWEST_M, height_m * part.height), 2)
-            self.add("buildings", outline=outline.tolist(), height_m=up_m, **own)
+            self.add("buildings", MapBuilding(line_of(outline), up_m, **own))
         return True
 
     def wall(self, start: Floats, end: Floats, height_m: float) -> None:
@@ -112,7 +121,7 @@ class Site:
         aside = _WALL_M / 2 * np.array([-along[1], along[0]])
         outline = np.array([start - aside, end - aside, end + aside, start + aside])
         if length_m >= 1.0 and self.taken.try_take([outline], 0.05):
-            self.add("walls", along=[start.tolist(), end.tolist()], height_m=height_m, thickness_m=_WALL_M)
+            self.add("walls", MapWall((point_of(start), point_of(end)), float(height_m), _WALL_M))
 
     def park(self, at: Floats, heading_rad: float) -> None:
         """Add a bay for a car off the street if there is space."""
@@ -120,18 +129,18 @@ class Site:
         along, aside = _CAR_M[0] * np.array([cos, sin]), _CAR_M[1] * np.array([-sin, cos])
         outline = at + np.array([-along - aside, along - aside, along + aside, aside - along])
         if self.taken.try_take([outline], 0.3):
-            self.add("parked", at=at.tolist(), heading_deg=float(np.degrees(heading_rad)))
+            self.add("parked", MapBay(point_of(at), float(np.degrees(heading_rad))))
 
     def plant(self, at: Floats, height_m: float, crown_m: float) -> None:
         """Add a tree if there is space for its crown."""
         angle = np.arange(8) * np.pi / 4
         crown = at + crown_m / 2 * np.column_stack([exact.cos(angle), exact.sin(angle)])
         if self.taken.try_take([crown], 0.2):
-            self.add("trees", at=at.tolist(), height_m=height_m, crown_m=crown_m)
+            self.add("trees", MapTree(point_of(at), height_m, crown_m))
 
     def pave(self, outline: Floats, kind: str) -> None:
         """Add a surface on a convex outline (K, 2) m."""
-        self.add("paved", outline=outline.tolist(), kind=kind)
+        self.add("paved", MapArea(line_of(outline), kind))
 
     def pave_if_free(self, outline: Floats, kind: str) -> bool:
         """Add a surface if its ground is not taken, without taking it; return whether it is not."""

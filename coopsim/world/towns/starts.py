@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 
+from coopsim.config.annotated import Point
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
+from coopsim.world.places.description import MapLane, MapStart, MapUnit
 from coopsim.world.towns.plan import LANE_M, Plan
 from coopsim.world.towns.roads import TownLane, TownRoads
 
@@ -32,8 +33,8 @@ class _Start:
     arm: int | None
 
 
-def place_starts(plan: Plan, roads: TownRoads) -> tuple[list[dict[str, Any]], Floats]:
-    """Return the key `starts`, all that fit in the order in which cars become connected, and their places (N, 2) m."""
+def place_starts(plan: Plan, roads: TownRoads) -> tuple[list[MapStart], Floats]:
+    """Return the starts, all that fit in the order in which cars become connected, and their places (N, 2) m."""
     lines = {name for names in roads.stops.values() for name in names}
     lines |= {lane.road[0] for lane in roads.lanes if lane.piece.joins}
     inwards = {
@@ -47,10 +48,8 @@ def place_starts(plan: Plan, roads: TownRoads) -> tuple[list[dict[str, Any]], Fl
         lanes.sort(key=lambda lane: lane.piece.begin[1], reverse=not lanes[0].way.forwards)
     starts = [start for lanes in ways.values() for start in _on_lane(lanes, lines, inwards)]
     ranked = _ranked(starts, plan)
-    entries = [
-        {"road": list(start.road), "at_m": start.at_m, "connected": place + 1} for place, start in enumerate(ranked)
-    ]
-    return entries, np.array([start.place for start in ranked])
+    found = [MapStart(start.road, start.at_m, connected=place + 1) for place, start in enumerate(ranked)]
+    return found, np.array([start.place for start in ranked])
 
 
 def _on_lane(lanes: list[TownLane], lines: set[str], inwards: dict[str, int]) -> list[_Start]:
@@ -112,28 +111,28 @@ CARS, MASTS = 3, 2
 _AGENTS_NEAR_M = 77.0  # between any two; cars start up to a metre before or behind their places
 _CHOICE = 16  # starts, and a quarter as many masts: those tried with each other where the usual ones are too far apart
 
-Entry = Mapping[str, Any]
 
-
-def bring_near(starts: Sequence[Entry], spots: Floats, masts: Sequence[Entry]) -> tuple[list[Entry], list[Entry]]:
+def bring_near(
+    starts: Sequence[MapStart], spots: Floats, masts: Sequence[MapUnit]
+) -> tuple[list[MapStart], list[MapUnit]]:
     """Reorder starts and masts such that the first ones are near each other, where possible.
 
     Usual orders are kept as far as possible: first comes each next mast that is near the first cars and the masts so
     far. If the first ones are still too far apart, other cars come first, as far apart from each other as possible.
 
     Args:
-        starts: key `starts` of a description, by rank.
+        starts: by rank.
         spots: (N, 2) m, places of the starts.
-        masts: key `rsus`.
+        masts: places for roadside units.
     """
-    feet = np.array([mast["at"] for mast in masts]).reshape(-1, 2)
+    feet = np.array([mast.at for mast in masts]).reshape(-1, 2)
     order = _near_first(feet, spots[:CARS])
     if _widest_m(np.vstack([spots[:CARS], feet[order[:MASTS]]])) < _AGENTS_NEAR_M:
         return list(starts), [masts[k] for k in order]
     cars, units = _widest_near(spots, feet) or (tuple(range(len(starts)))[:CARS], tuple(order)[:MASTS])
     ranked = [*cars, *(k for k in range(len(starts)) if k not in cars)]
     kept = [*units, *(k for k in order if k not in units)]
-    return [{**starts[k], "connected": rank + 1} for rank, k in enumerate(ranked)], [masts[k] for k in kept]
+    return [replace(starts[k], connected=rank + 1) for rank, k in enumerate(ranked)], [masts[k] for k in kept]
 
 
 def _near_first(feet: Floats, cars: Floats) -> list[int]:
@@ -171,20 +170,18 @@ def _widest_m(places: Floats) -> float:
 _CLEAR_M = LANE_M / 2 + 0.02  # more than coordinates are rounded
 
 
-def off_roads(
-    masts: Iterable[Mapping[str, Any]], nodes: Mapping[str, Sequence[float]], roads: Iterable[Mapping[str, Any]]
-) -> list[Mapping[str, Any]]:
-    """Return the masts (key `rsus`) that stand on no lane: wide turns may pass nearer to a corner than its kerb.
+def off_roads(masts: Iterable[MapUnit], nodes: Mapping[str, Point], roads: Iterable[MapLane]) -> list[MapUnit]:
+    """Return the masts that stand on no lane: wide turns may pass nearer to a corner than its kerb.
 
     Turning loops are not checked: no mast stands beside them.
     """
-    feet = {k: (mast, np.asarray(mast["at"], dtype=np.float64)) for k, mast in enumerate(masts)}
+    feet = {k: (mast, np.asarray(mast.at, dtype=np.float64)) for k, mast in enumerate(masts)}
     for road in roads:
-        if road.get("turn") == "around":
+        if road.turn == "around":
             continue
-        start, end = (np.asarray(nodes[road[name]], dtype=np.float64) for name in ("from", "to"))
+        start, end = (np.asarray(nodes[name], dtype=np.float64) for name in (road.start, road.end))
         for k, (_, foot) in list(feet.items()):
-            away_m = _from_arc(foot, road, start, end) if "centre" in road else _from_line(foot, start, end)
+            away_m = _from_line(foot, start, end) if road.centre is None else _from_arc(foot, road, start, end)
             if away_m < _CLEAR_M:
                 del feet[k]
     return [mast for mast, _ in feet.values()]
@@ -197,9 +194,9 @@ def _from_line(foot: Floats, start: Floats, end: Floats) -> float:
     return float(exact.hypot(*(foot - start - share * along)))
 
 
-def _from_arc(foot: Floats, road: Mapping[str, Any], start: Floats, end: Floats) -> float:
+def _from_arc(foot: Floats, road: MapLane, start: Floats, end: Floats) -> float:
     """Return the distance (m) of a place (2,) from a bend between two."""
-    centre, sense = np.asarray(road["centre"], dtype=np.float64), 1.0 if road["turn"] == "left" else -1.0
+    centre, sense = np.asarray(road.centre, dtype=np.float64), 1.0 if road.turn == "left" else -1.0
     first, last, own = (exact.arctan2(*(each - centre)[::-1]) for each in (start, end, foot))
     passed, swept = (sense * (own - first)) % (2 * np.pi), (sense * (last - first)) % (2 * np.pi)
     if passed <= swept:

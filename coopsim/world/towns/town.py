@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import is_dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from coopsim.config.checked_entry import DataEntry, plain
-from coopsim.errors import InvalidValueError
+from coopsim.config.annotated import Point
 from coopsim.geometry import exact
-from coopsim.support.methods import garbage_collection_paused
 from coopsim.support.rng import stream
-from coopsim.world.custom.place import read_place
+from coopsim.world.custom.place import build_place
 from coopsim.world.furniture.furnish import furnished, leafy
+from coopsim.world.places.description import PlaceDescription, point_of
 from coopsim.world.places.layout import Layout
 from coopsim.world.population import Population
 from coopsim.world.scenario import Place
@@ -33,10 +32,12 @@ from coopsim.world.towns.starts import FIRST, bring_near, off_roads, place_start
 
 _ANY = TownOptions()
 _KEPT = 4  # places: an environment asks for the same one again when only traffic is drawn anew
-_DECIMALS = 3  # of lengths in m and angles in degrees: a description in a file gives the same bits
+_DECIMALS = 3  # of lengths in m and angles in degrees: a file is shorter
 _SCALE = 1000.0  # 10 to the power of these
 _POINTS = ("at", "look_at", "centre", "drones_around")
 _LINES = ("via", "along", "outline")
+
+T = TypeVar("T")
 
 KERB_M = 0.12
 """Height of pavements over the road."""
@@ -48,52 +49,36 @@ _CHORD_M = 6.0
 _BORDER_M = _WAY_M + _HALF_WAY_M + 0.1
 
 
-def describe_town(seed: int, options: TownOptions = _ANY) -> dict[str, Any]:
-    """Draw the description of a town, as under the key `place` of a scenario file (see `coopsim.world.custom.place`).
-
-    It is the caller's own, to be changed at will.
-    """
+def describe_town(seed: int, options: TownOptions = _ANY) -> PlaceDescription:
+    """Draw the description of a town."""
     description = draw_place(seed, options).description
-    assert description is not None, "it was made from one"
-    return dict(plain(description))
+    assert description is not None, "it was built from one"
+    return description
 
 
 @lru_cache(_KEPT)
 def draw_place(seed: int, options: TownOptions = _ANY) -> Place:
-    """Draw a town, and make a place of it."""
-    with garbage_collection_paused():
-        # It is plain data already, which `place_from` would copy.
-        entry = DataEntry(leafy(describe_streets(seed, options)), "place", InvalidValueError)
-        bare = read_place(entry, f"town-{seed}")
-        layout, description = furnished(bare.make_layout(), bare.description or {}, seed)
-        return Place(bare.name, lambda: layout, usual_population(layout), description)
+    """Draw a town, and build it."""
+    bare = build_place(leafy(describe_streets(seed, options)), f"town-{seed}")
+    assert bare.description is not None, "it was built from one"
+    layout, description = furnished(bare.make_layout(), bare.description, seed)
+    return Place(bare.name, lambda: layout, usual_population(layout), description)
 
 
-def describe_streets(seed: int, options: TownOptions = _ANY) -> dict[str, Any]:
+def describe_streets(seed: int, options: TownOptions = _ANY) -> PlaceDescription:
     """Draw a description like `describe_town`, but without furniture."""
     plan = draw_plan(seed, options)
     roads = lay_roads(plan)
     usual, spots = place_starts(plan, roads)
     beside = dress_streets(plan, seed, options.openness)
     starts, masts = bring_near(usual, spots, off_roads(beside["rsus"], roads.nodes, roads.roads))
-    description = {
-        "nodes": roads.nodes,
-        "roads": roads.roads,
-        **beside,
-        "starts": starts,
-        "cars_first": FIRST,
-        "rsus": masts,
-    }
-    return turned(description, plan.turn_rad)
+    parts = beside | {"rsus": tuple(masts), "starts": tuple(starts)}
+    found = PlaceDescription(nodes=roads.nodes, roads=tuple(roads.roads), cars_first=FIRST, **parts)
+    return turned(found, plan.turn_rad)
 
 
 def dress_streets(plan: Plan, seed: int, openness: float | None = None) -> dict[str, Any]:
-    """Draw all that is beside the lanes, not turned, as keys of a description.
-
-    Returns:
-        The keys `walks`, `parked`, `paved`, `walls`, `buildings`, `trees`, `rsus`, `mast_m`, `drones_around`, `kerb_m`,
-        `crown`, `humps` and `wet`, unless they are empty.
-    """
+    """Draw all that is beside the lanes, not turned, as fields of a description."""
     rounds = trace_rounds(plan)
     kerbs = kerb_lines_of(rounds)
     ways = PeopleWays(tuple(each.clear_offset(_WAY_M, kerbs) for each in rounds))
@@ -115,9 +100,9 @@ def dress_streets(plan: Plan, seed: int, openness: float | None = None) -> dict[
     roadside.add_puddles(site)
     return {
         "walks": describe_ways(ways),
-        **site.items,
+        **{name: tuple(parts) for name, parts in site.parts.items()},
         "mast_m": float(np.round(site.stream("masts").uniform(5.0, 8.0), 1)),
-        "drones_around": plan.junctions[plan.meeting].centre.tolist(),
+        "drones_around": point_of(plan.junctions[plan.meeting].centre),
         "kerb_m": KERB_M,
         "crown": 0.025,
     }
@@ -141,31 +126,37 @@ def _take_streets(site: Site) -> None:
                 taken.take(np.array([junction.centre, here, there]))
 
 
-def turned(description: Mapping[str, Any], angle_rad: float) -> dict[str, Any]:
-    """Return a description turned about the origin, counter-clockwise; lengths and angles are rounded."""
+def turned(part: T, angle_rad: float) -> T:
+    """Return a description, or a part of one, turned about the origin, counter-clockwise; numbers are rounded."""
     cos, sin, angle_deg = float(exact.cos(angle_rad)), float(exact.sin(angle_rad)), float(np.degrees(angle_rad))
 
-    def point(at: Any) -> list[float]:
+    def point(at: Point) -> Point:
         x, y = at
         # As numpy rounds; adding 0.0 makes a zero of a negative one, which a file would keep.
-        return [round(each * _SCALE) / _SCALE + 0.0 for each in (cos * x - sin * y, sin * x + cos * y)]
+        east, north = round((cos * x - sin * y) * _SCALE), round((sin * x + cos * y) * _SCALE)
+        return east / _SCALE + 0.0, north / _SCALE + 0.0
 
-    def part(key: str, content: Any) -> Any:
-        if key in _POINTS:
-            return point(content)
-        if key in _LINES:
-            return [point(at) for at in content]
-        if key == "nodes":
-            return {name: point(at) for name, at in content.items()}
-        if key == "heading_deg":
-            return round((float(content) + angle_deg + 180.0) % 360.0 - 180.0, _DECIMALS) + 0.0
-        if isinstance(content, Mapping):
-            return {name: part(name, each) for name, each in content.items()}
-        if isinstance(content, list) and content and isinstance(content[0], Mapping):
-            return [part("", each) for each in content]
-        return float(content) if isinstance(content, float) else content  # numpy's numbers as Python's
+    def content(name: str, value: Any) -> Any:
+        if value is None or isinstance(value, str):
+            return value
+        if name in _POINTS:
+            return point(value)
+        if name in _LINES:
+            return tuple(map(point, value))
+        if name == "nodes":
+            return {each: point(at) for each, at in value.items()}
+        if name == "heading_deg":
+            return round((float(value) + angle_deg + 180.0) % 360.0 - 180.0, _DECIMALS) + 0.0
+        if isinstance(value, tuple):
+            return tuple(whole(each) if is_dataclass(each) else each for each in value)
+        if is_dataclass(value):
+            return whole(value)
+        return float(value) if isinstance(value, float) else value  # numpy's numbers as Python's
 
-    return {key: part(key, content) for key, content in description.items()}
+    def whole(each: Any) -> Any:
+        return type(each)(**{name: content(name, getattr(each, name)) for name in each.__slots__})
+
+    return cast("T", whole(part))
 
 
 MOST = Population(

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from jobs_here import no_workers
 
 import coopsim
 from coopsim.bench.benchmark import benchmark
 from coopsim.bench.demo import Demo, DemoConfig
 from coopsim.bench.detect.detect import Measured, markdown_table, row_of
 from coopsim.bench.detect.detect_plan import DetectPlan
-from coopsim.bench.engine.engine import Engine
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.leaderboard import evaluate_each
@@ -120,8 +120,9 @@ def test_without_the_truth_it_says_how_to_get_it() -> None:
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("bench")
-    grid = Grid(("truth", "no_fusion"), ("crossing",), (0, 1), frames=30, options={"connected_cars": 2, "lidar": None})
-    benchmark(grid, folder, engine=Engine(workers=1))
+    grid = Grid(("truth", "no_fusion"), ("crossing",), (0, 1), frames=12, options={"connected_cars": 2, "lidar": None})
+    with no_workers():
+        benchmark(grid, folder)
     return folder
 
 

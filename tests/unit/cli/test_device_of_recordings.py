@@ -25,10 +25,10 @@ def recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 @pytest.mark.parametrize(
     "typed",
     [
-        (*REPLAY, "--policy", "no_fusion"),
         (*REPLAY, "--policy", "fcooper"),
-        (*LEADERBOARD, "--policies", "fcooper,no_fusion"),
-        (*REPLAY, "--policy", "no_fusion", "--detector", "pillars"),
+        pytest.param((*REPLAY, "--policy", "no_fusion"), marks=pytest.mark.long),
+        pytest.param((*LEADERBOARD, "--policies", "fcooper,no_fusion"), marks=pytest.mark.long),
+        pytest.param((*REPLAY, "--policy", "no_fusion", "--detector", "pillars"), marks=pytest.mark.long),
     ],
 )
 def test_networks_compute_on_the_device(

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from test_clear import tracks, truth
 
-from coopsim.metrics.clear import Clear, recall_thresholds
+from coopsim.metrics import clear
+from coopsim.metrics.clear import Clear, count_clear, recall_thresholds
 from coopsim.metrics.evaluator import Evaluator
+from coopsim.metrics.log_pool import LogPool
 from coopsim.metrics.score import summarize
 
 
@@ -109,3 +113,21 @@ def test_scaled_mota_of_a_tracker_that_only_misses() -> None:
     assert half.scaled_mota(0.5) == pytest.approx(1.0)
     assert half.scaled_mota(1.0) == pytest.approx(0.5)
     assert Clear(tp=10, fp=500, fn=90).scaled_mota(0.1) == 0.0
+
+
+def test_levels_that_leave_the_same_tracks_are_counted_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A short episode has many levels of recall and few tracks."""
+    thresholds: list[float] = []
+
+    def counted(sequences: Any, *, threshold: float = -np.inf, **settings: Any) -> Any:
+        thresholds.append(threshold)
+        return count_clear(sequences, threshold=threshold, **settings)
+
+    monkeypatch.setattr(clear, "count_clear", counted)
+    evaluator = Evaluator()
+    for _ in range(30):
+        evaluator.update(truth({1: 0, 2: 20, 3: 40}), tracks({7: 0, 8: 20}, scores={7: 0.9, 8: 0.5}))
+    pool = LogPool.of([evaluator.log])
+    assert len(pool.sweep.points) == 27 and len(thresholds) == 1 + 2, "once for all tracks, and for each two levels"
+    assert [point.clear.tp for point in pool.sweep.points] == [30] * 13 + [60] * 14
+    assert pool.near_sweep.amotp < 2.0 and len(thresholds) == 1 + 2 + 2

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from coopsim.bench.benchmark import benchmark
-from coopsim.bench.engine.engine import Engine
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.store.store import Store
 
@@ -36,13 +37,14 @@ _REFUSED = {
 }
 
 
+@pytest.mark.usefixtures("jobs_here")
 def test_a_policy_that_counts_oddly_fails_alone(tmp_path: Path) -> None:
     file = tmp_path / "odd.py"
     file.write_text(_POLICY)
     said = {text: f'{file}:Odd(said="{text}")' for text in ("{'boxes': np.sum(np.ones(3, bool))}", *_REFUSED)}
     others = [f"{file}:Odd(said='dict()', method='3')", f"{file}:Odd(raises=True)", "no_fusion"]
     grid = Grid((*said.values(), *others), frames=2, options={"lidar": None, "vehicles": 4})
-    results = benchmark(grid, tmp_path / "out", engine=Engine(workers=1))
+    results = benchmark(grid, tmp_path / "out")
     good, *refused = results[: len(said)]
     assert good.counts == {"boxes": 3} and type(good.counts["boxes"]) is int
     for result, reason in zip(refused, _REFUSED.values(), strict=True):

@@ -48,7 +48,10 @@ def test_p_values_are_the_share_of_flips_in_which_any_two_are_as_far_apart() -> 
         assert entries[k].p_corrected == pytest.approx(reached)
 
 
-@pytest.mark.parametrize(("policies", "seeds", "runs"), [(6, 10, 500), (29, 12, 150), (29, 20, 60)])
+@pytest.mark.parametrize(
+    ("policies", "seeds", "runs"),
+    [(6, 10, 300), *(pytest.param(*each, marks=pytest.mark.long) for each in ((29, 12, 150), (29, 20, 60)))],
+)
 def test_of_equal_policies_one_is_called_worse_in_one_of_twenty_tables_at_most(
     policies: int, seeds: int, runs: int
 ) -> None:

@@ -125,6 +125,7 @@ def test_a_cell_whose_sources_changed_meanwhile_is_lost_and_not_stored(counting:
     sys.modules.pop(counting.stem)
 
 
+@pytest.mark.usefixtures("jobs_here")
 def test_lost_cells_are_run_again_by_the_same_call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As where a node of a Ray cluster dies: no fault of the cell."""
     grid = Grid(("no_fusion",), frames=2, seeds=(0, 1), options=OPTIONS)
@@ -132,7 +133,7 @@ def test_lost_cells_are_run_again_by_the_same_call(tmp_path: Path, monkeypatch: 
         patch.setattr(Engine, "run", lambda self, jobs: (job.lost("LocalRayletDiedError") for job in jobs))
         results = benchmark(grid, tmp_path)
     assert [each.reason for each in results] == ["the cell was not run"] * 2 and Store(tmp_path).results() == []
-    assert not any(each.failed for each in benchmark(grid, tmp_path, engine=Engine(workers=1)))
+    assert not any(each.failed for each in benchmark(grid, tmp_path))
 
 
 @pytest.mark.parametrize("group", ["detectors", "embedders", "codecs", "uplinks", "fusions", "backbones", "policies"])

@@ -13,6 +13,7 @@ import pytest
 from helpers.clip_sources import NumberedClips
 from helpers.clips import SMALL, require_same
 from helpers.script_parts import parts_of_a_script
+from representatives import all_of
 
 from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.learn.clips.ahead import ClipMaker, ClipsAhead, Failure, until_failure
@@ -20,7 +21,7 @@ from coopsim.learn.clips.clip import Clip
 from coopsim.learn.clips.simulated import SimulatedClips
 
 
-@pytest.mark.parametrize("workers", [1, 3])
+@pytest.mark.parametrize("workers", all_of([1, 2, 3], 2))
 def test_clips_come_in_order_for_any_number_of_workers(workers: int) -> None:
     with ClipsAhead(NumberedClips(), workers) as ahead:
         assert [ahead.clip(k).key for k in range(5, 12)] == [f"clip {k}" for k in range(5, 12)]
@@ -85,7 +86,7 @@ def test_workers_are_not_far_ahead_and_end_with_the_stream(tmp_path: Path) -> No
     assert pids and not any(_runs(pid) for pid in pids)
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize("how", all_of([signal.SIGKILL, signal.SIGINT], signal.SIGKILL))
 def test_workers_end_with_a_parent_that_is_killed(tmp_path: Path, how: signal.Signals) -> None:
     program = (
         "import signal, time; from pathlib import Path; from helpers.clip_sources import NumberedClips\n"

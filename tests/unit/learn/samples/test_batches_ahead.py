@@ -38,8 +38,14 @@ def taken(batches: Any, count: int) -> list[tuple[Position, list[Any]]]:
     return [(position, batch.tolist()) for position, batch in islice(batches, count)]
 
 
-@pytest.mark.parametrize("workers", [1, 3])
-@pytest.mark.parametrize("start", [Position(), Position(1, 1, 2), Position(2, 2, 0)])
+@pytest.mark.parametrize(
+    ("workers", "start"),
+    [
+        (2, Position(1, 1, 2)),
+        *(pytest.param(1, each, marks=pytest.mark.long) for each in (Position(), Position(1, 1, 2), Position(2, 2, 0))),
+        *(pytest.param(3, each, marks=pytest.mark.long) for each in (Position(), Position(1, 1, 2), Position(2, 2, 0))),
+    ],
+)
 def test_batches_are_those_of_the_order_for_any_number_of_workers(workers: int, start: Position) -> None:
     numbered = Numbered(NumberedClips(), empty=3)
     with BatchesAhead(numbered, 4, workers) as ahead:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch")
+from representatives import all_of  # noqa: E402
 from synthetic_clips import SyntheticClips  # noqa: E402
 from tiny_networks import weights_folder  # noqa: E402
 
@@ -100,19 +101,19 @@ def test_pairs_of_one_object_are_to_be_found() -> None:
     assert good < 0.01 < 1.0 < bad
 
 
-@pytest.mark.parametrize("fusion", ["none", "cooptrack", "univ2x"])
+@pytest.mark.parametrize("fusion", all_of(["none", "cooptrack", "univ2x"], "cooptrack"))
 def test_it_learns(fusion: str) -> None:
     task = QueryTask(recipe_of(fusion), 0)
     (sample,) = task.cut(CLIPS.clip(0), np.random.default_rng(0))
     assert sample.clip is task.cut(CLIPS.clip(0), np.random.default_rng(1))[0].clip  # seen once for all passes
     adam, losses = torch.optim.Adam(task.net.parameters(), 0.003), []
-    for _ in range(12):
+    for _ in range(8):
         parts = task([sample])
         losses.append(float(parts["loss"].detach()))
         adam.zero_grad()
         parts["loss"].backward()
         adam.step()
-    assert losses[-1] < 0.85 * losses[0]
+    assert losses[-1] < 0.9 * losses[0]
     assert ("association" in parts) == (fusion == "cooptrack")
     values = task.evaluate(task.net, [[sample]])
     assert 0 <= values["recall"] <= 1 and ("pairs recall" in values) == (fusion == "cooptrack")
@@ -143,6 +144,7 @@ def test_errors_of_poses_and_delays_move_what_is_heard() -> None:
     np.testing.assert_allclose(exact.receiver_SE3_sender(1, 0, 1, 0).translation, then - now, atol=1e-9)
 
 
+@pytest.mark.heavy("three trainings, one of them in two parts")
 def test_stage_two_begins_where_stage_one_ended_and_goes_on_after_an_interruption(tmp_path: Path) -> None:
     before = encoder_digest(load_detector(recipe_of().detector))
     first = train(recipe_of(), tmp_path / "one", source=CLIPS, workers=0)

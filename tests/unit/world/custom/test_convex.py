@@ -7,11 +7,12 @@ from hypothesis import strategies as st
 
 from coopsim.config.checked_entry import DataEntry
 from coopsim.errors import InvalidValueError
-from coopsim.world.custom.clearance import read_convex
+from coopsim.world.custom.clearance import convex
 
 
 def read(points: object) -> np.ndarray:
-    return read_convex(DataEntry(points, "outline", InvalidValueError))
+    entry = DataEntry(points, "outline", InvalidValueError)
+    return convex(entry.polyline(3), entry)
 
 
 @given(

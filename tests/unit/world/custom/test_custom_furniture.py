@@ -59,9 +59,11 @@ def test_mistakes_are_refused(entry: dict[str, Any], message: str) -> None:
 
 def test_a_furnished_place_is_the_same_when_read_back() -> None:
     trees = [{"at": [-20, 12]}, {"at": [20, 14], "height_m": 12, "crown_m": 6.3}]
-    bare = place_from(leafy({**STREET, "trees": trees}), "street")
-    layout, description = furnished(bare.make_layout(), bare.description or {}, 4)
-    assert len(description["furniture"]) > 20 and "trees" not in description
+    given = place_from({**STREET, "trees": trees}, "street").description
+    assert given is not None
+    bare = leafy(given)
+    layout, description = furnished(place_from(bare, "street").make_layout(), bare, 4)
+    assert len(description.furniture or ()) > 20 and not description.trees
     assert [part.name for part in layout.static].count("trunk") == 0
     again = place_from(description, "street").make_layout()
     assert len(again.furnishing) == len(layout.furnishing)

@@ -1,6 +1,6 @@
 """Places from descriptions in memory are those from files, bit by bit, and can be written as files."""
 
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ import pytest
 from coopsim.envs.simulated.scenario_file import SHIPPED, load_scenario_file, write_scenario_file
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.world.custom.place import place_from
+from coopsim.world.places.description import MapTree
 from coopsim.world.places.layout import Layout
 from coopsim.world.places.road_network import Lane, RoadNetwork
 from coopsim.world.scenario import Place, make_scenario
@@ -54,10 +55,8 @@ def test_layouts_that_differ_have_other_bits() -> None:
     assert isinstance(layout, Layout)
     description = place_of(VILLAGE).description
     assert description is not None
-    higher = {
-        **description,
-        "buildings": [*description["buildings"][:-1], {**description["buildings"][-1], "height_m": 15}],
-    }
+    *rest, church = description.buildings
+    higher = replace(description, buildings=(*rest, replace(church, height_m=15)))
     assert bits(place_from(higher, "other").make_layout()) != bits(layout)
 
 
@@ -77,12 +76,11 @@ def test_names_that_look_like_numbers_stay_names(tmp_path: Path) -> None:
 def test_what_is_wrong_is_said_with_the_keys() -> None:
     description = place_of(VILLAGE).description
     assert description is not None
-    roads = [{**road, "width_m": 1} if k == 3 else road for k, road in enumerate(description["roads"])]
-    with pytest.raises(InvalidValueError, match=r"^roads\[3\]\.width_m: width_m must be in \[2.5, 8\], got 1$"):
-        place_from({**description, "roads": roads}, "wrong")
-    trees = [{"at": [-50.0, -2.0]}]
+    roads = [replace(lane, width_m=-1) if k == 3 else lane for k, lane in enumerate(description.roads)]
+    with pytest.raises(InvalidValueError, match=r"^roads\[3\]\.width_m: width_m must be in \[2.5, 8\], got -1$"):
+        place_from(replace(description, roads=tuple(roads)), "wrong")
     with pytest.raises(InvalidValueError, match=r"^trees\[0\]\.at: at must be at least 2 m .* in roads\[0\]: it"):
-        place_from({**description, "trees": trees}, "wrong")
+        place_from(replace(description, trees=(MapTree((-50.0, -2.0)),)), "wrong")
     with pytest.raises(InvalidValueError, match=r"^nodes is missing in place"):
         place_from({"roads": []}, "wrong")
     with pytest.raises(UnknownNameError, match="unknown key 'lidar'"):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from coopsim.errors import InvalidValueError
-from coopsim.world.custom.ground import KINDS
 from coopsim.world.custom.place import place_from
+from coopsim.world.places.description import SURFACES
 from coopsim.world.places.layout import Layout
 
 SQUARE = [[20.0, 10.0], [20.0, 14.0], [24.0, 14.0], [24.0, 10.0]]  # clockwise
@@ -21,7 +21,7 @@ def layout_with(paved: list[Any]) -> Layout:
 
 
 def test_every_kind_is_a_surface_at_a_height_of_its_own() -> None:
-    plain, layout = layout_with([]), layout_with([{"outline": SQUARE, "kind": kind} for kind in KINDS])
+    plain, layout = layout_with([]), layout_with([{"outline": SQUARE, "kind": kind} for kind in SURFACES])
     heights = {part.name: np.unique(part.vertices[:, 2]).tolist() for part in layout.static}
     assert set(heights) == {"ground", "road", "pavement", "grass", "yard", "parking"}
     assert all(len(each) == 1 for each in heights.values()) and len({each[0] for each in heights.values()}) == 6
@@ -30,7 +30,7 @@ def test_every_kind_is_a_surface_at_a_height_of_its_own() -> None:
         assert part.closed is False
         a, b, c = (part.vertices[part.faces[:, k]] for k in range(3))
         assert (np.cross(b - a, c - a)[:, 2] > 0).all()  # seen from above, though the outline is clockwise
-    for field in KINDS.values():
+    for field in SURFACES.values():
         more = len(getattr(layout.road_map, field)) - len(getattr(plain.road_map, field))
         assert more == 1
         np.testing.assert_array_equal(sorted(getattr(layout.road_map, field)[-1].tolist()), sorted(SQUARE))

@@ -11,13 +11,13 @@ from shapely import Polygon
 from worlds import DT_S, table
 
 import coopsim
+from coopsim.config.annotated import keys_of
 from coopsim.envs.simulated.scenario_file import SHIPPED, load_scenario_file
 from coopsim.errors import RecordingError, ScenarioFileError
 from coopsim.sensors.scene import is_closed
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.custom.roads import conflicting_roads
-from coopsim.world.custom.starts import BAY_KEYS, START_KEYS, UNIT_KEYS
-from coopsim.world.custom.ways import WAYS_KEYS
+from coopsim.world.places.description import MapBay, MapStart, MapUnit, MapWays
 from coopsim.world.places.layout import Layout
 from coopsim.world.scenario import SCENARIOS, Place, make_scenario
 from coopsim.world.traffic.fleet import PARKED
@@ -313,8 +313,8 @@ def test_a_parked_bus_may_stand_in_a_bay(tmp_path: Path) -> None:
 def test_the_page_has_the_keys_of_starts_bays_units_and_ways() -> None:
     page = (Path(__file__).parents[4] / "docs/reference/scenarios.md").read_text(encoding="utf-8")
     rows = page[page.index("| key | of each item |\n|---|---|\n| `starts`") :]
-    for name, keys in (("starts", START_KEYS), ("parked", BAY_KEYS), ("rsus", UNIT_KEYS)):
+    for name, kind in (("starts", MapStart), ("parked", MapBay), ("rsus", MapUnit)):
         row = rows[rows.index(f"| `{name}` |") :].split("\n| `")[0].split("\n\n")[0]
-        assert set(re.findall(r"`(\w+)`", row)) - {name, "truck"} == {*keys[0], *keys[1]}, name
+        assert set(re.findall(r"`(\w+)`", row)) - {name, "truck"} == set(keys_of(kind)), name
     ways = rows[rows.index("| key of `walks` and `rides` | value |") :].split("\n\n")[0]
-    assert tuple(re.findall(r"\n\| `(\w+)` \|", ways)) == (*WAYS_KEYS[0], *WAYS_KEYS[1])
+    assert re.findall(r"\n\| `(\w+)` \|", ways) == list(keys_of(MapWays))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -20,7 +21,6 @@ from coopsim.sensors.scene import RayScene, static_triangles
 from coopsim.world.custom.place import place_from
 from coopsim.world.furniture.free_ground import lanes_of, lines_of
 from coopsim.world.furniture.furnish import (
-    FurnitureEntry,
     furnish,
     furnishing_parts,
     lane_paint,
@@ -30,6 +30,7 @@ from coopsim.world.furniture.furnish import (
 )
 from coopsim.world.furniture.sides import street_sides
 from coopsim.world.places.crossings import make_crossing
+from coopsim.world.places.description import MapFurniture
 from coopsim.world.places.layout import Layout, lane_outline
 from coopsim.world.scenario import SCENARIOS, make_scenario
 from coopsim.world.snapshot import Actors
@@ -40,12 +41,12 @@ _HEAD_M = 2.0
 
 
 @lru_cache
-def furnished(name: str) -> tuple[Layout, list[dict[str, Any]]]:
+def furnished(name: str) -> tuple[Layout, Sequence[MapFurniture]]:
     if name.startswith("town"):
         layout = draw_place(int(name.split()[1])).make_layout()
         description = draw_place(int(name.split()[1])).description
-        assert description is not None
-        return layout, description["furniture"]
+        assert description is not None and description.furniture is not None
+        return layout, description.furniture
     layout = SCENARIOS.get(name).make_layout()
     return layout, furnish(layout, 1)
 
@@ -56,11 +57,11 @@ def footprints(name: str) -> tuple[list[str], Any]:
     kinds, shapes = [], []
     for entry in furnished(name)[1]:
         points = [part.vertices[part.vertices[:, 2] < _HEAD_M, :2] for part in furnishing_parts([entry])]
-        if "along" in entry:
-            shapes.append(shapely.LineString(entry["along"]).buffer(0.02, cap_style="flat"))
+        if entry.along:
+            shapes.append(shapely.LineString(entry.along).buffer(0.02, cap_style="flat"))
         else:
             shapes.append(shapely.convex_hull(shapely.MultiPoint(np.concatenate(points))))
-        kinds.append(entry["kind"])
+        kinds.append(entry.kind)
     return kinds, np.array(shapes)
 
 
@@ -113,7 +114,7 @@ def test_densities_are_as_stated() -> None:
     places = [furnished(name) for name in ("crossing", "roundabout", "urban_grid", "town 3", "town 8")]
     counts, kerb_m = Counter[str](), 0.0
     for layout, entries in places:
-        counts.update(entry["kind"] for entry in entries)
+        counts.update(entry.kind for entry in entries)
         area = np.array([[-600.0, -600.0], [600.0, 600.0]])
         kerb_m += street_sides(layout, area, lanes_of(layout, area)).first_m[-1]
     apart_m = {kind: kerb_m / counts[kind] for kind in ("lamp", "sign", "hydrant", "bin", "bench")}
@@ -129,26 +130,26 @@ def test_numbers_are_whole_millimetres_and_depend_on_the_seed_alone() -> None:
     layout, entries = furnished("crossing")
     assert furnish(layout, 1) == entries != furnish(layout, 2)
     for entry in entries:
-        for x, y in entry.get("along", [entry.get("at")]):
+        for x, y in entry.along or [entry.at]:
             assert x == round(x, 3) and y == round(y, 3)
 
 
 def test_crowns_do_not_reach_into_buildings_or_masts() -> None:
     layout, entries = furnished("urban_grid")
     solid = shapely.union_all([shapely.Polygon(outline) for outline in layout.road_map.buildings])
-    trees = [entry for entry in entries if entry["kind"] == "tree"]
+    trees = [entry for entry in entries if entry.kind == "tree"]
     assert trees and layout.road_map.buildings and layout.rsus
     for tree in trees:
-        spot = shapely.Point(tree["at"])
-        assert spot.distance(solid) > tree["crown_m"] / 2 - 0.2
-        assert min(np.hypot(*(rsu.translation[:2] - tree["at"])) for rsu in layout.rsus) > tree["crown_m"] / 2
+        spot = shapely.Point(tree.at)
+        assert spot.distance(solid) > tree.crown_m / 2 - 0.2
+        assert min(np.hypot(*(rsu.translation[:2] - tree.at)) for rsu in layout.rsus) > tree.crown_m / 2
 
 
 def test_a_furnished_layout_is_furnished_around_what_it_has() -> None:
     layout = SCENARIOS.get("crossing").make_layout()
-    bench = {"kind": "bench", "at": [40.0, -9.0], "heading_deg": 90.0}
+    bench = MapFurniture("bench", (40.0, -9.0), 90.0)
     again = furnish(with_furniture(layout, [bench]), 1)
-    spots = [entry["at"] for entry in again if "at" in entry]
+    spots = [entry.at for entry in again if entry.at is not None]
     assert min(np.hypot(x - 40.0, y + 9.0) for x, y in spots) > 0.5
 
 
@@ -164,21 +165,21 @@ def test_furniture_turns_with_the_place() -> None:
     entries, others = (
         furnish(place_from(each, "town").make_layout(), 5) for each in (description, turned(description, angle))
     )
-    again = turned({"furniture": others}, -angle)["furniture"]
-    spots, back = ([(each["kind"], *(each.get("at") or each["along"][0])) for each in one] for one in (entries, again))
+    again = [turned(each, -angle) for each in others]
+    spots, back = ([(each.kind, *(each.at or each.along[0])) for each in one] for one in (entries, again))
     found = [any(kind == other and np.hypot(x - u, y - v) < 0.02 for other, u, v in back) for kind, x, y in spots]
     # Coordinates are rounded to millimetres, so that here and there a piece just fits in one of the two.
     assert np.mean(found) > 0.95 and abs(len(spots) - len(back)) < 0.05 * len(spots)
 
 
 def test_pieces_stand_at_their_place_and_heading() -> None:
-    (wood, _) = furnishing_parts([{"kind": "bench", "at": [10.0, 5.0], "heading_deg": 90.0}])
+    (wood, _) = furnishing_parts([MapFurniture("bench", (10.0, 5.0), 90.0)])
     low, high = wood.vertices.min(axis=0), wood.vertices.max(axis=0)
     assert (low + high)[:2] / 2 == pytest.approx([10.0, 5.0], abs=0.05)
     assert high[0] - low[0] == pytest.approx(1.8, abs=1e-6), "it looks along y, so it is long along x"
     back = wood.vertices[wood.vertices[:, 2] > 0.6]
     assert back[:, 1].max() < 5.0, "its back is behind"
-    (cabinet,) = furnishing_parts([{"kind": "cabinet", "at": [10.0, 5.0], "heading_deg": 90.0}])
+    (cabinet,) = furnishing_parts([MapFurniture("cabinet", (10.0, 5.0), 90.0)])
     assert cabinet.boxes is not None and cabinet.boxes[0, 6] == pytest.approx(np.pi / 2)
     assert cabinet.boxes[0, :2] == pytest.approx([10.0, 5.0])
 
@@ -187,14 +188,14 @@ def test_lines_are_cut_into_pieces_of_one_length() -> None:
     middles, headings, lengths = line_pieces(np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 3.0]]), 4.0)
     assert lengths == pytest.approx([10 / 3] * 3 + [3.0]) and headings == pytest.approx([0, 0, 0, np.pi / 2])
     assert middles[0] == pytest.approx([10 / 6, 0.0]) and middles[-1] == pytest.approx([10.0, 1.5])
-    fence = furnishing_parts([{"kind": "fence", "along": [[0, 0], [10, 0]], "height_m": 1.5}])
+    fence = furnishing_parts([MapFurniture("fence", along=((0, 0), (10, 0)), height_m=1.5)])
     points = np.concatenate([part.vertices for part in fence])
     assert points[:, 0].min() == pytest.approx(0.0, abs=0.1) and points[:, 0].max() == pytest.approx(10.0, abs=0.1)
     assert points[:, 2].max() == pytest.approx(1.5, abs=0.06)
 
 
 def test_the_ground_lifts_pieces() -> None:
-    entries = [{"kind": "bin", "at": [x, 0.0], "heading_deg": 0.0} for x in (0.0, 10.0)]
+    entries = [MapFurniture("bin", (x, 0.0), 0.0) for x in (0.0, 10.0)]
     (low,), (high,) = (
         [part for part in furnishing_parts(entries, lambda points: 0.012 * points[:, 0]) if where(part.vertices[0, 0])]
         for where in (lambda x: x < 5, lambda x: x > 5)
@@ -227,16 +228,16 @@ def test_furniture_hides_where_no_rays_are_cast() -> None:
     one = np.ones(1, np.int64)
     car = Actors(one, boxes, np.zeros((1, 2)), 0 * one, 0 * one, np.zeros((1, 3), dtype=np.uint8))
 
-    def returns(*entries: FurnitureEntry) -> int:
+    def returns(*entries: MapFurniture) -> int:
         sight = ReturnsEstimator(furnishing_parts(entries), PATTERNS.get("HDL-64E"), 1800, 100.0)
         return int(sight.expected_returns(np.array([[0.0, 0.0, 1.5]]), car, [None])[0, 0])
 
     free = returns()
     assert free > 200
-    assert returns({"kind": "lamp", "at": [10.0, 0.0], "heading_deg": 0.0}) == free, "too thin to count"
-    hedge = {"kind": "hedge", "along": [[10.0, -9.0], [10.0, 9.0]], "height_m": 2.5}
+    assert returns(MapFurniture("lamp", (10.0, 0.0), 0.0)) == free, "too thin to count"
+    hedge = MapFurniture("hedge", along=((10.0, -9.0), (10.0, 9.0)), height_m=2.5)
     assert 0.02 * free < returns(hedge) < 0.5 * free, "some rays pass between leaves"
-    trailer = [{"kind": "trailer", "at": [10.0, y], "heading_deg": 90.0} for y in (-3.0, 0.0, 3.0)]
+    trailer = [MapFurniture("trailer", (10.0, y), 90.0) for y in (-3.0, 0.0, 3.0)]
     assert returns(*trailer) < 0.5 * free
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 from corner_sights import FARTHEST_M, are_hidden, corner_sights, hiding_edges
 
-from coopsim.world.places.layout import rectangle
+from coopsim.world.places.description import MapBuilding, MapWall
 from coopsim.world.towns.options import TownOptions
 from coopsim.world.towns.planning import draw_plan
 from coopsim.world.towns.town import dress_streets
@@ -15,8 +15,8 @@ def test_wall_hides_what_is_behind_it():
 
 def test_low_walls_hide_nothing():
     items = {
-        "walls": [{"along": [[0, 0], [1, 0]], "height_m": 0.6}, {"along": [[0, 0], [1, 0], [1, 1]], "height_m": 1.8}],
-        "buildings": [{"outline": rectangle((0, 1), (0, 1)).tolist(), "height_m": 4}],
+        "walls": (MapWall(((0, 0), (1, 0)), 0.6), MapWall(((0, 0), (1, 0), (1, 1)), 1.8)),
+        "buildings": (MapBuilding(((0, 0), (1, 0), (1, 1), (0, 1)), 4),),
     }
     assert [len(ends) for ends in hiding_edges(items)] == [6, 6]
 

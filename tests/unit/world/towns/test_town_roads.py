@@ -12,7 +12,7 @@ from coopsim.world.towns.roads import lay_roads
 def test_every_lane_leads_on_and_every_lane_outwards_of_an_arm_is_reached() -> None:
     for lanes in (1, 2, 3):
         roads = lay_roads(draw_plan(1, TownOptions(junctions=2, lanes=lanes)))
-        begins, ends = ({road[key] for road in roads.roads} for key in ("from", "to"))
+        begins, ends = ({getattr(road, end) for road in roads.roads} for end in ("start", "end"))
         assert begins == ends == set(roads.nodes)
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 from town_survey import find_faults
 
+from coopsim.world.places.description import MapLane, MapStart, MapUnit
 from coopsim.world.towns.options import PlaceSeeds, TownOptions
 from coopsim.world.towns.scenarios import TownScenarios
 from coopsim.world.towns.starts import bring_near, off_roads
@@ -15,10 +14,14 @@ from coopsim.world.towns.town import describe_streets, draw_place
 
 
 def _brought_near(cars: list[list[float]], masts: list[list[float]]) -> tuple[list[int], list[list[float]]]:
-    starts: list[dict[str, Any]] = [{"number": k, "connected": k + 1} for k in range(len(cars))]
-    found, units = bring_near(starts, np.array(cars), [{"at": at} for at in masts])
-    assert [start["connected"] for start in found] == list(range(1, len(cars) + 1))
-    return [start["number"] for start in found], [unit["at"] for unit in units]
+    starts = [MapStart((), float(k), connected=k + 1) for k in range(len(cars))]
+    found, units = bring_near(starts, np.array(cars), [_mast(*at) for at in masts])
+    assert [start.connected for start in found] == list(range(1, len(cars) + 1))
+    return [int(start.at_m) for start in found], [list(unit.at) for unit in units]
+
+
+def _mast(x: float, y: float) -> MapUnit:
+    return MapUnit((x, y), (0.0, 0.0))
 
 
 def test_masts_near_the_cars_come_first_and_near_each_other() -> None:
@@ -48,19 +51,16 @@ def test_agents_of_awkward_towns_start_near_each_other(place: int) -> None:
     assert find_faults(scenario, place) == []
 
 
-NODES = {"a": [0.0, 0.0], "b": [20.0, 0.0], "c": [40.0, 20.0]}
-ROADS = [
-    {"from": "a", "to": "b"},
-    {"from": "b", "to": "c", "centre": [20.0, 20.0], "turn": "left"},
-]
+NODES = {"a": (0.0, 0.0), "b": (20.0, 0.0), "c": (40.0, 20.0)}
+ROADS = [MapLane("a", "b"), MapLane("b", "c", centre=(20.0, 20.0), turn="left")]
 
 
 def test_masts_on_lanes_are_left_out() -> None:
-    beside = [{"at": [10.0, 2.3]}, {"at": [34.0, 12.0]}, {"at": [20.0, 40.0]}]
-    on = [{"at": [10.0, 2.0]}, {"at": [20.0 + 20.0 * 0.6, 20.0 - 20.0 * 0.8]}]
+    beside = [_mast(10.0, 2.3), _mast(34.0, 12.0), _mast(20.0, 40.0)]
+    on = [_mast(10.0, 2.0), _mast(20.0 + 20.0 * 0.6, 20.0 - 20.0 * 0.8)]
     assert off_roads([*beside, *on], NODES, ROADS) == beside
 
 
 def test_a_town_with_a_wide_turn_can_be_read() -> None:
-    assert len(describe_streets(5549)["rsus"]) >= 2
+    assert len(describe_streets(5549).rsus) >= 2
     assert len(draw_place(5549).make_layout().rsus) >= 2
