@@ -277,6 +277,7 @@ def measure_detection(
     with closing(engine.run(iter(waiting.values()))) as outcomes:
         for outcome in outcomes:
             job = waiting[outcome.job.key]  # ours; the outcome has a copy
+            assert isinstance(outcome, DetectOutcome)
             if outcome.perceived is not None:
                 if files is not None:
                     files.put(job.key, outcome.perceived)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import reprlib
 from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
@@ -12,33 +11,27 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import coopsim
-from coopsim.attacks.attack_option import attacks_by_agent, spell_attacks
+from coopsim.attacks.attack_option import attacks_by_agent
 from coopsim.bench.detect.episode import Boxes, Pace, Receivers, Selection, pace_of, perceive_episode, receiving
 from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.detect.protocols import PROTOCOLS
 from coopsim.bench.engine.job import Job, Outcome, traceback_of
 from coopsim.bench.evaluate import listening_env
 from coopsim.bench.grid.cell import Cell, CellResult, Condition, environment_options, scenario_options
+from coopsim.bench.grid.grid import Grid
 from coopsim.bench.grid.policies import (
     PROCESSOR,
     arithmetic_on,
     detector_on,
     device_of_detector,
     device_of_policy,
-    policy_on,
-    require_device,
 )
 from coopsim.bench.store.fingerprint import Sources
 from coopsim.catalog import PolicySpec
-from coopsim.errors import InvalidValueError
 from coopsim.support.checks import (
-    MOST_RUNS,
-    as_runs,
     require_count,
-    require_non_negative,
     require_positive,
 )
-from coopsim.support.rng import require_seed
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -52,7 +45,10 @@ class Disturbance:
 
     def condition(self, environment: str) -> Condition:
         """Return the condition of an environment that it makes."""
-        noise = {"position_noise_m": self.position_noise_m, "heading_noise_deg": self.heading_noise_deg}
+        noise: dict[str, Any] = {
+            "position_noise_m": self.position_noise_m,
+            "heading_noise_deg": self.heading_noise_deg,
+        }
         latency_s = None if self.delay_ms is None else self.delay_ms / 1000
         rate: dict[str, Any] = {"bandwidth_bit_s": None, "loss": None}
         return Condition(environment, latency_s=latency_s, attacks=self.attacks or "none", **noise, **rate)
@@ -149,27 +145,27 @@ class DetectPlan:
     device: str = PROCESSOR
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "seeds", as_runs(seeds=self.seeds))
-        for seed in self.seeds:
-            require_seed(seed)
-        if len(set(self.seeds)) < len(self.seeds):
-            raise InvalidValueError(f"seeds must be distinct, got {reprlib.repr(self.seeds)}")
-        require_device(self.device)
-        object.__setattr__(self, "policies", tuple(policy_on(self.device, text) for text in self.policies))
+        position_m, heading_deg = zip(*self.noises, strict=True) if self.noises else ((0.0,), (0.0,))
+        grid = Grid(
+            self.policies,
+            self.environments,
+            self.delays_ms or (0.0,),
+            position_noises_m=position_m,
+            heading_noises_deg=heading_deg,
+            pose="together",
+            attacks=self.attacks or ("",),
+            seeds=self.seeds,
+            device=self.device,
+        )
+        object.__setattr__(self, "seeds", grid.seeds)
+        object.__setattr__(self, "policies", grid.policies)
+        object.__setattr__(self, "attacks", grid.attacks if self.attacks else ())
         require_count(1, frames=self.frames)
         require_positive(every_s=self.every_s)
-        object.__setattr__(self, "attacks", tuple(dict.fromkeys(map(spell_attacks, self.attacks))))
         Selection(self.receivers, self.boxes)
         PROTOCOLS.get(self.protocol)
         if self.within_m is not None:
             require_positive(within_m=self.within_m)
-        for noise_m, noise_deg in self.noises:
-            require_non_negative(position_noise_m=noise_m, heading_noise_deg=noise_deg)
-        for delay_ms in self.delays_ms:
-            require_non_negative(delay_ms=delay_ms)
-        episodes = len(self.disturbances) * len(self.policies) * len(self.environments) * len(self.seeds)
-        if episodes > MOST_RUNS:
-            raise InvalidValueError(f"seeds times rows must be at most {MOST_RUNS:,} episodes, got {episodes:,}")
 
     @property
     def disturbances(self) -> list[Disturbance]:

@@ -48,14 +48,14 @@ def _plot(table: ResultTable, metric: str, axis: Axis) -> str:
 
 def _panel(panel: Any, table: ResultTable, metric: str, axis: Axis, scenario: str) -> None:
     values = table.values(metric)
-    chosen = sorted(
+    steps = sorted(
         (axis.value(table.conditions[k]), k)
         for k in mildest_along(axis, table.conditions)
         if table.conditions[k].scenario == scenario
     )
+    names = values_of(axis, [table.conditions[k] for _, k in steps])
+    chosen = [(float(list(names).index(value) if axis.named else value), k) for value, k in steps]
     if axis.named:
-        names = values_of(axis, [table.conditions[k] for _, k in chosen])
-        chosen = [(float(list(names).index(value)), k) for value, k in chosen]
         name_ticks(panel, list(names.values()))
     known = [value for value, _ in chosen if math.isfinite(value)]
     # No limit stands to the right of the largest value, on a logarithmic axis.

@@ -184,7 +184,7 @@ def _data(table: ResultTable, played: Played) -> dict[str, Any]:
             {
                 "title": axis.title,
                 "label": axis.label,
-                "values": list(range(len(each))) if axis.named else [_json(value) for value in each],
+                "values": list(range(len(each))) if axis.named else [_json(float(value)) for value in each],
                 "texts": list(each.values()),
                 "named": axis.named,
                 "mildest": list(each).index(min(each, key=axis.harm)),

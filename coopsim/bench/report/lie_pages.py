@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -39,7 +38,7 @@ def lies_section(filmed: Sequence[FilmedLie], notes: Sequence[str], table: Resul
 def _figure(number: int, data: int, filmed: FilmedLie, table: ResultTable) -> str:
     pair = filmed.pair
     cell = pair.attacked.cell
-    honest = [replace(each, attacks="") for each in table.conditions]
+    honest = [each.changed(attacks="") for each in table.conditions]
     where = f"{label(cell.condition.changed(attacks=''), honest)}, seed {cell.seed}, {cell.policy}"
     change = _cost(pair)
     panels = "".join(

@@ -168,7 +168,7 @@ class Sources:
 
     def uncounted(self, modules: Iterable[str]) -> list[str]:
         """Return those of coopsim's among some modules that no run of these sources was found to import."""
-        known = set() if self._package is None else self._package.names
+        known = set[str]() if self._package is None else set(self._package.names)
         return sorted(known.intersection(modules) - self.counted)
 
     def described(self, package: str) -> dict[str, Any]:
