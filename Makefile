@@ -34,6 +34,7 @@ test: $(VENV)/.dev
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports
 
 types: $(VENV)/.dev
 	$(BIN)/mypy
@@ -75,7 +76,7 @@ weights: $(VENV)/.dev
 	done
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) build dist *.egg-info .import_linter_cache .pytest_cache .mypy_cache .ruff_cache
 
 # The stamps depend on what decides the environment's content, so a changed pin installs again.
 $(VENV)/.user: pyproject.toml constraints.txt

@@ -2,32 +2,22 @@
 
 Read `policy` (the interface), then `tracking_policy` (the base of all that track boxes), then `perceiving_policy` (that
 of all with a network). A method of your own stands beside its like in `boxes`, `appearance`, `maps` or `queries`, or in
-a file of its own like `coop_fuse`. Importing this package registers all policies.
+a file of its own like `coop_fuse`. Importing this package registers the policies on boxes; `networks` has the others.
 """
 
-import sys
-import warnings
-from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING
 
-from coopsim.agents import (
-    appearance,
-    boxes,
-    coop_fuse,
-    early_fusion,
-    graph_lap,
-    maps,
-    queries,
-    track_to_track,
-    truth,
-    vic_integrated,
-)
+from coopsim.agents import boxes, coop_fuse, graph_lap, track_to_track, truth
 from coopsim.agents.boxes import AB3DMOTTracking, LateFusion
-from coopsim.agents.learned_fusion import LearnedFusion
-from coopsim.agents.opencood_network import OpenCoodNetwork
-from coopsim.agents.perceiving_policy import PerceivingPolicy
 from coopsim.agents.policy import Needs, Policy
 from coopsim.agents.tracking_policy import TrackingPolicy
+from coopsim.support.lazy_names import lazy_names
+from coopsim.support.moved import moved
+
+if TYPE_CHECKING:
+    from coopsim.agents.learned_fusion import LearnedFusion
+    from coopsim.agents.opencood_network import OpenCoodNetwork
+    from coopsim.agents.perceiving_policy import PerceivingPolicy
 
 __all__ = [
     "AB3DMOTTracking",
@@ -38,29 +28,21 @@ __all__ = [
     "PerceivingPolicy",
     "Policy",
     "TrackingPolicy",
-    "appearance",
     "boxes",
     "coop_fuse",
-    "early_fusion",
     "graph_lap",
-    "maps",
-    "queries",
     "track_to_track",
     "truth",
-    "vic_integrated",
 ]
 
-
-class _OldModule(ModuleType):
-    """Old name of a module of policies, for one release."""
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        value = getattr(boxes, name)
-        warnings.warn(f"{self.__name__} is now {boxes.__name__}", DeprecationWarning, stacklevel=2)
-        return value
-
+__getattr__, __dir__ = lazy_names(
+    __name__,
+    {
+        "LearnedFusion": "coopsim.agents.learned_fusion",
+        "OpenCoodNetwork": "coopsim.agents.opencood_network",
+        "PerceivingPolicy": "coopsim.agents.perceiving_policy",
+    },
+)
 
 for _old in ("ab3dmot_policy", "late_fusion"):
-    sys.modules[f"{__name__}.{_old}"] = _OldModule(f"{__name__}.{_old}")
+    moved(f"{__name__}.{_old}", "coopsim.agents.boxes")

@@ -11,8 +11,8 @@ import numpy as np
 from coopsim.agents.boxes import AB3DMOTTracking
 from coopsim.agents.policy import Needs
 from coopsim.comms.envelope import decode_points
-from coopsim.data.opencood import Layout, make_sample
 from coopsim.geometry.se3 import SE3
+from coopsim.learn.opencood import Layout, make_sample
 from coopsim.types import Detections, ObjectClass, Observation, PointCloud
 
 
@@ -37,7 +37,7 @@ class OpenCoodNetwork(AB3DMOTTracking):
         """Return boxes (N, 7), rows of the layout in the receiver's frame, and scores (N,), as tensors.
 
         Args:
-            batch: tensors by key, see `coopsim.data.opencood`; a batch of one sample without objects.
+            batch: tensors by key, see `coopsim.learn.opencood`; a batch of one sample without objects.
         """
 
     def perceive(self, agent: str, observation: Observation) -> Detections:

@@ -38,8 +38,8 @@ from coopsim.wire.message_parts import everything
 from coopsim.wire.observation_format import ObservationFormat
 
 if TYPE_CHECKING:
-    from coopsim.defenses.defense import DefenseOption
-    from coopsim.defenses.guard import Guard
+    from coopsim.interfaces.defense import DefenseOption
+    from coopsim.interfaces.guard import Guard
 
 T = TypeVar("T")
 
@@ -191,7 +191,7 @@ class Policy(ABC):
         """
         if defense is None:
             return
-        from coopsim.defenses.guard import Guard
+        from coopsim.interfaces.guard import Guard
 
         if self.needs.uplink == "none":
             raise InvalidValueError(f"defense must be None for a policy that reads no message, got {defense!r}")

@@ -33,7 +33,7 @@ from coopsim.types.track_estimates import TrackEstimates
 from coopsim.types.valid_detections import FARTHEST_M, drop_unreportable
 
 if TYPE_CHECKING:
-    from coopsim.defenses.defense import DefenseOption
+    from coopsim.interfaces.defense import DefenseOption
 
 _MOTION = ConstantVelocity()
 """The motion model of received tracks, as in the tracker that they come from."""

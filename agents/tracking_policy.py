@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import compress
 from typing import TYPE_CHECKING
 
@@ -17,22 +17,20 @@ from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.errors import InvalidValueError
 from coopsim.fusion.alignment import PoseAlignment
 from coopsim.geometry.boxes import covers
-from coopsim.geometry.se3 import SE3, Floats, SE3Batch
+from coopsim.geometry.se3 import Floats, SE3Batch
+from coopsim.interfaces.box_covariance import COVARIANCES, BoxCovariance
 from coopsim.localization.odometry import OdometryFrame, stated_poses
 from coopsim.support.checks import require_choice, require_flag
 from coopsim.support.methods import WeakMethod
 from coopsim.tracking.by_class import TrackersByClass
 from coopsim.tracking.delayed import DELAYED, RECEIVER, DelayedMeasurements, Fusion, Measurements
 from coopsim.tracking.tracker import Tracker
-from coopsim.types import AgentSpec, Detections, Mask, Message, Observation, Tracks
-from coopsim.types.estimates import diagonals
+from coopsim.types import AgentSpec, Detections, Message, Observation, Tracks
 from coopsim.types.groups import DetectionGroups
 from coopsim.types.valid_detections import FARTHEST_M, drop_unreportable
 
 if TYPE_CHECKING:
-    from coopsim.defenses.defense import DefenseOption
-    from coopsim.nn.covariance.covariance_net import CovarianceNet
-    from coopsim.tracking.motion.constant_velocity import ConstantVelocity
+    from coopsim.interfaces.defense import DefenseOption
 
 
 @dataclass
@@ -41,7 +39,7 @@ class _AgentState:
     is_object: bool
     frame_owner: str | None
     alignment: PoseAlignment | None
-    covariance: LearnedCovariance | None
+    covariance: BoxCovariance | None
     frame: OdometryFrame = field(default_factory=OdometryFrame)
     tracks: DelayedMeasurements = field(init=False)
     fused: Sequence[Detections] = ()
@@ -86,7 +84,7 @@ class TrackingPolicy(Policy):
                 f"velocities must be False for a policy that shares no boxes, got True: it shares {self.needs.uplink}"
             )
         DELAYED.get(self.delayed)
-        self._covariance = None if self.covariance is None else LearnedCovariance(self.covariance)
+        self._covariance = None if self.covariance is None else COVARIANCES.get("weights")(self.covariance)
         self._states: dict[str, _AgentState] = {}
         self.defend(self.defense)
         self.make_tracker()  # so that a wrong setting is refused here, not at the first episode
@@ -204,60 +202,3 @@ def nearby_messages(observation: Observation) -> list[Message]:
     away_m = stated_poses(observation.inbox)[:, :3] - observation.pose.xyz_yaw[:3]
     farthest_m: Floats = np.abs(away_m).max(axis=1)
     return list(compress(observation.inbox, (farthest_m <= FARTHEST_M).tolist()))
-
-
-class LearnedCovariance:
-    """Network, by name or path of its weights, that gives every box a covariance instead of the detector's.
-
-    It works at the receiver: nothing is sent, so any codec serves, and one network serves any number of agents. A
-    network that reads features works where these are, in the detector: then only the motion model is the network's.
-
-    Raises:
-        MissingDependencyError: torch is not installed.
-        UnknownNameError: there are no such weights.
-        InvalidValueError: it is no text, or the file is broken, or holds something else.
-    """
-
-    def __init__(self, weights: str) -> None:
-        if not isinstance(weights, str):
-            raise InvalidValueError(f"covariance must be the name or path of weights, got {weights!r}")
-        import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
-        from coopsim.learn.weights import load_covariance
-
-        self._net: CovarianceNet = load_covariance(weights)
-
-    @property
-    def stated_by_detector(self) -> bool:
-        """True if the network reads features: then detectors state the covariances, and only motion is used here."""
-        return self._net.config.features > 0
-
-    def motion(self) -> ConstantVelocity:
-        """Return the motion model that the covariances were trained with."""
-        return self._net.motion()
-
-    def apply(
-        self, groups: DetectionGroups, odom_SE3_base: SE3, odom_SE3_sensors: SE3Batch, known: Mask
-    ) -> DetectionGroups:
-        """Return groups with a covariance for every box.
-
-        Args:
-            groups: G groups in the receiver's odometry frame.
-            odom_SE3_base: the receiver's base frame now.
-            odom_SE3_sensors: (G) base frame of each group's agent when it sensed.
-            known: (G,) False in a recording, where all boxes come in one agent's frame.
-        """
-        from coopsim.nn.covariance.box_numbers import box_numbers
-
-        base_SE3_odom, joined = odom_SE3_base.inverse(), groups.joined
-        if not len(joined) or self.stated_by_detector:
-            return groups
-        seen = joined.transform(base_SE3_odom)
-        at = odom_SE3_sensors.seen_from(base_SE3_odom)
-        sensors = np.where(known[:, None], np.column_stack([at.translation, at.yaw]), np.nan)
-        numbers = box_numbers(seen.boxes.array, seen.score, groups.group, sensors)
-        spread = replace(seen, covariance=diagonals(self._net.variances(numbers))).transform(odom_SE3_base).covariance
-        assert spread is not None
-        if groups.parts is None:
-            return DetectionGroups(replace(joined, covariance=spread), groups.starts)
-        bounds = zip(groups.parts, groups.starts[:-1], groups.starts[1:], strict=True)
-        return DetectionGroups.of(replace(part, covariance=spread[first:last]) for part, first, last in bounds)

@@ -30,12 +30,11 @@ if Path("".join(sys.argv[:1])).stem == "coopsim":  # the command: Ctrl-C may com
     sys.excepthook = tell_in_one_line
 
 from coopsim.catalog import register_environments
+from coopsim.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from coopsim.agents.policy import Needs as Needs
     from coopsim.agents.policy import Policy as Policy
-    from coopsim.attacks.attack import Attack as Attack
-    from coopsim.attacks.attack import AttackerView as AttackerView
     from coopsim.bench.benchmark import benchmark as benchmark
     from coopsim.bench.evaluate import Evaluation as Evaluation
     from coopsim.bench.evaluate import evaluate as evaluate
@@ -45,35 +44,35 @@ if TYPE_CHECKING:
     from coopsim.catalog import POLICIES as POLICIES
     from coopsim.catalog import make_policy as make_policy
     from coopsim.catalog import parallel_env as parallel_env
-    from coopsim.catalog import single_env as single_env
     from coopsim.data.export.export_run import check_export as check_export
     from coopsim.data.export.export_run import export as export
-    from coopsim.defenses.defense import Defense as Defense
-    from coopsim.defenses.defense import Reception as Reception
-    from coopsim.defenses.defense import Trust as Trust
     from coopsim.envs import register_place as register_place
     from coopsim.envs.simulated.record_episode import record as record
+    from coopsim.envs.single_agent_env import single_env as single_env
     from coopsim.envs.vector.make import vector as vector
     from coopsim.episode import RECORDERS as RECORDERS
     from coopsim.episode import Episode as Episode
     from coopsim.episode import Recorder as Recorder
     from coopsim.episode import run_episode as run_episode
     from coopsim.errors import CoopsimError as CoopsimError
-    from coopsim.planning.planner import PlannedCar as PlannedCar
-    from coopsim.planning.planner import Planner as Planner
+    from coopsim.interfaces.attack import Attack as Attack
+    from coopsim.interfaces.attack import AttackerView as AttackerView
+    from coopsim.interfaces.defense import Defense as Defense
+    from coopsim.interfaces.defense import Reception as Reception
+    from coopsim.interfaces.defense import Trust as Trust
+    from coopsim.interfaces.planner import PlannedCar as PlannedCar
+    from coopsim.interfaces.planner import Planner as Planner
     from coopsim.support.precision import set_precision as set_precision
     from coopsim.world.places.description import PlaceDescription as PlaceDescription
-
-__version__ = "0.1.0"
 
 register_environments()
 
 _HOMES = {
-    "Attack": "coopsim.attacks.attack",
-    "AttackerView": "coopsim.attacks.attack",
-    "Defense": "coopsim.defenses.defense",
-    "Reception": "coopsim.defenses.defense",
-    "Trust": "coopsim.defenses.defense",
+    "Attack": "coopsim.interfaces.attack",
+    "AttackerView": "coopsim.interfaces.attack",
+    "Defense": "coopsim.interfaces.defense",
+    "Reception": "coopsim.interfaces.defense",
+    "Trust": "coopsim.interfaces.defense",
     "Needs": "coopsim.agents.policy",
     "Policy": "coopsim.agents.policy",
     "benchmark": "coopsim.bench.benchmark",
@@ -86,10 +85,10 @@ _HOMES = {
     "export": "coopsim.data.export.export_run",
     "make_policy": "coopsim.catalog",
     "parallel_env": "coopsim.catalog",
-    "single_env": "coopsim.catalog",
+    "single_env": "coopsim.envs.single_agent_env",
     "CoopsimError": "coopsim.errors",
-    "PlannedCar": "coopsim.planning.planner",
-    "Planner": "coopsim.planning.planner",
+    "PlannedCar": "coopsim.interfaces.planner",
+    "Planner": "coopsim.interfaces.planner",
     "Episode": "coopsim.episode",
     "RECORDERS": "coopsim.episode",
     "Recorder": "coopsim.episode",

@@ -16,6 +16,7 @@ import importlib
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -31,8 +32,6 @@ from coopsim.support.user_code import class_at, describe, names_file, read_sourc
 if TYPE_CHECKING:
     from coopsim.agents.policy import Policy
     from coopsim.envs.parallel import CooperativeEnv
-    from coopsim.envs.roles import Others, PolicyLike
-    from coopsim.envs.single_agent_env import SingleAgentEnv
     from coopsim.world.scenario import Place
 
 
@@ -45,13 +44,43 @@ SCENARIO_SUFFIXES = (".yaml", ".yml")
 WRITING_OPTIONS = ("record",)
 """Options of environments that name a path to write: users alone give them, no file does."""
 
-POLICIES: Registry[type[Policy]] = Registry("policy", home="coopsim.agents", group="coopsim.policies")
+POLICIES: Registry[type[Policy]] = Registry(
+    "policy", home=("coopsim.agents", "coopsim.agents.networks"), group="coopsim.policies"
+)
 """Policy classes. Installed packages add theirs through the entry-point group `coopsim.policies`."""
 
-ENVIRONMENTS: Registry[Callable[..., CooperativeEnv]] = Registry("environment", home=ENVIRONMENTS_HOME)
-"""Factories of environments, by versioned name (`crossing-v2`)."""
+VERSION = 2
+"""Version of all environments; any change of observations, rewards or dynamics raises it.
 
-REWARDS: Registry[type[Any]] = Registry("reward", home=ENVIRONMENTS_HOME, group="coopsim.rewards")
+| version | change |
+|---|---|
+| 0 | first |
+| 1 | the default detector is the one fitted to V2V4Real, and confuses classes; `ground_truth` has all objects |
+| 2 | simulated detections have no order, and false ones heights as real ones; towns are the same on every processor |
+"""
+
+
+class _Environments(Registry["Callable[..., CooperativeEnv]"]):
+    """Environments, of which each place and each situation that is registered is one."""
+
+    def _load_home(self) -> None:
+        makers = importlib.import_module(f"{ENVIRONMENTS_HOME}.makers").makers()
+        for name, make in makers.items():
+            versioned = f"{name}-v{VERSION}"
+            if versioned not in self._entries:
+                made = self.register(versioned)(partial(make, f"{NAMESPACE}/{versioned}"))
+                register_with_gymnasium(versioned)
+                if versioned not in VERSIONED_NAMES:  # which `coopsim.envs` registers
+                    pettingzoo = importlib.import_module("pettingzoo")
+                    pettingzoo.register("parallel", f"{NAMESPACE}/{versioned}", made)
+
+
+ENVIRONMENTS: Registry[Callable[..., CooperativeEnv]] = _Environments("environment")
+"""Factories of environments, by versioned name (`crossing-v2`). Those of places and situations are made of these."""
+
+REWARDS: Registry[type[Any]] = Registry(
+    "reward", home=("coopsim.envs.rewards", "coopsim.envs.message_gain"), group="coopsim.rewards"
+)
 """Reward classes. Installed packages add theirs through the entry-point group `coopsim.rewards`."""
 
 
@@ -88,7 +117,7 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
             scenario file (`.yaml`), or that of a folder of recordings.
         **options: options of every environment (`coopsim.envs.options`), of simulated ones
             (`coopsim.envs.simulated.simulation_options`), of the population (`coopsim.world.population`), and of drawn
-            towns (`coopsim.world.towns.options`).
+            towns (`coopsim.world.drawn_options`).
 
     Raises:
         UnknownNameError: no such environment or option; the message lists the close ones.
@@ -102,33 +131,6 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
         return ENVIRONMENTS.get(newest("file"))(path=name, **options)
     known = newest(name.removeprefix(f"{NAMESPACE}/")) if isinstance(name, str) else name
     return ENVIRONMENTS.get(known)(**options)
-
-
-def single_env(
-    name: str | Path,
-    /,
-    *,
-    ego: str | None = None,
-    others: Others = None,
-    tracker: PolicyLike = None,
-    **options: Any,
-) -> SingleAgentEnv:
-    """Make the environment called `name` for one agent that learns, with gymnasium's API; the others follow policies.
-
-    Args:
-        name: name of the environment, see `parallel_env`.
-        ego: name of the agent that acts; None: the first one.
-        others: the policy of the other agents, by name, spec or object; a mapping of agents to such policies; or None:
-            they report nothing.
-        tracker: a policy that reports the ego's tracks, so that the learner only drives; needs `control="policy"`.
-        **options: options of `parallel_env`.
-
-    Raises:
-        CoopsimError: an error of `parallel_env`, or of `coopsim.envs.single_agent_env.SingleAgentEnv`.
-    """
-    home = importlib.import_module(f"{ENVIRONMENTS_HOME}.single_agent_env")
-    env: SingleAgentEnv = home.SingleAgentEnv(name, ego=ego, others=others, tracker=tracker, **options)
-    return env
 
 
 def refuse_writing(options: Mapping[str, Any], where: str) -> None:

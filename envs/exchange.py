@@ -8,7 +8,6 @@ from itertools import compress
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, cast
 
-from coopsim.attacks.lying_agents import LyingAgents
 from coopsim.comms.channel.channel import Channel
 from coopsim.comms.codecs.codec import CODECS
 from coopsim.comms.decode_once import DecodeOnce
@@ -21,6 +20,7 @@ from coopsim.envs.frames import Frame
 from coopsim.envs.options import CommonOptions
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
+from coopsim.interfaces.lying_agents import LyingAgents
 from coopsim.support.rng import stream
 from coopsim.types import AgentSpec, Message, Observation
 from coopsim.types.lies import Lie

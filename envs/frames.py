@@ -134,7 +134,7 @@ class FrameSource(ABC):
             tracks: tracks that each agent reported for the frame that is over, in its base frame; planners get them.
 
         Raises:
-            PlannerError: a planner failed; see `coopsim.planning.planner`.
+            PlannerError: a planner failed; see `coopsim.interfaces.planner`.
         """
 
     @property

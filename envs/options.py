@@ -7,7 +7,6 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from coopsim.attacks.attack_option import AttacksOption, attacks_by_agent
 from coopsim.comms.channel.channel_config import ChannelConfig, channel_config
 from coopsim.comms.channel.latency import MOST_S, GaussianLatency
 from coopsim.comms.channel.loss import BernoulliLoss
@@ -18,6 +17,7 @@ from coopsim.detection.embedder import Embedder, make_embedder
 from coopsim.detection.oracle import OracleDetector
 from coopsim.detection.presets import make_detector
 from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.interfaces.attack_option import AttacksOption, attacks_by_agent
 from coopsim.localization.localizer import LocalizationConfig, localization_config
 from coopsim.localization.pose_noise import PoseNoise
 from coopsim.support.checks import (

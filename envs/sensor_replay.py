@@ -8,19 +8,19 @@ from typing import Any, Literal
 
 import numpy as np
 
-from coopsim.data.recordings.recorded_folder import (
+from coopsim.envs.frames import Frame, FrameProbe, FrameSource
+from coopsim.envs.options import PerceptionOptions
+from coopsim.envs.simulated.perception import Perception, observation_format
+from coopsim.errors import InvalidValueError, RecordingError
+from coopsim.geometry.se3 import SE3
+from coopsim.recordings.recorded_folder import (
     ReadingOptions,
     RecordedAgent,
     RecordedFolder,
     RecordedFrame,
     RecordedSequence,
 )
-from coopsim.data.recordings.recorded_scene import RecordedScenes, returns_of
-from coopsim.envs.frames import Frame, FrameProbe, FrameSource
-from coopsim.envs.options import PerceptionOptions
-from coopsim.envs.simulated.perception import Perception, observation_format
-from coopsim.errors import InvalidValueError, RecordingError
-from coopsim.geometry.se3 import SE3
+from coopsim.recordings.recorded_scene import RecordedScenes, returns_of
 from coopsim.sensors.camera.camera import rig_camera_names
 from coopsim.support.checks import require_choice, require_count, require_frame_time
 from coopsim.types import AgentSpec, CameraImage, LidarMounting, Sweep, Tracks, seconds_to_ns

@@ -301,3 +301,28 @@ def _copied(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: _copied(each) for key, each in value.items()}
     return value.copy() if isinstance(value, np.ndarray) else value
+
+
+def single_env(
+    name: str | Path,
+    /,
+    *,
+    ego: str | None = None,
+    others: Others = None,
+    tracker: PolicyLike = None,
+    **options: Any,
+) -> SingleAgentEnv:
+    """Make the environment called `name` for one agent that learns, with gymnasium's API; the others follow policies.
+
+    Args:
+        name: name of the environment, see `coopsim.parallel_env`.
+        ego: name of the agent that acts; None: the first one.
+        others: the policy of the other agents, by name, spec or object; a mapping of agents to such policies; or None:
+            they report nothing.
+        tracker: a policy that reports the ego's tracks, so that the learner only drives; needs `control="policy"`.
+        **options: options of `coopsim.parallel_env`.
+
+    Raises:
+        CoopsimError: an error of `coopsim.parallel_env`, or of `SingleAgentEnv`.
+    """
+    return SingleAgentEnv(name, ego=ego, others=others, tracker=tracker, **options)

@@ -34,6 +34,7 @@ from coopsim.sensors.scene import static_triangles
 from coopsim.viz.bev import BevRenderer
 from coopsim.viz.point_picture import draw_points
 from coopsim.viz.portrait import contact_sheet, draw_overhead
+from coopsim.world.drawn_options import PlaceSeeds, TownOptions
 from coopsim.world.furniture.furnish import furnishing_parts
 from coopsim.world.furniture.kinds import KINDS
 from coopsim.world.places.description import MapFurniture
@@ -41,7 +42,6 @@ from coopsim.world.places.layout import flat_part, rectangle
 from coopsim.world.scenario import SCENARIOS, make_scenario
 from coopsim.world.situations.situation import EGO, SITUATIONS
 from coopsim.world.snapshot import Actors, StaticPart
-from coopsim.world.towns.options import PlaceSeeds, TownOptions
 from coopsim.world.towns.scenarios import TownScenarios
 from coopsim.world.world import World
 

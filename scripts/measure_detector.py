@@ -32,7 +32,6 @@ from coopsim.bench.detect.ranking import SURE, Overlaps, Ranking
 from coopsim.bench.engine.engine import Engine
 from coopsim.bench.results.statistics import mean_interval
 from coopsim.cli.arguments import add_options, named_options, names
-from coopsim.data.recordings.find_format import open_folder
 from coopsim.errors import CoopsimError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
@@ -46,6 +45,7 @@ from coopsim.localization.odometry import Points
 from coopsim.nn.inference.backend import find_backend
 from coopsim.nn.inference.canvas import REACH_M
 from coopsim.nn.inference.detectors import CloudDetector
+from coopsim.recordings.formats import open_folder
 from coopsim.types import Detections, GroundTruth
 
 SHOWN = {"vehicles": "APBEV@0.5", "people": "APBEV@0.3 people", "own hits": "APBEV@0.5 own", "backwards": "backwards"}

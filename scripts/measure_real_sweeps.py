@@ -156,7 +156,7 @@ def replace_block(page: Path, name: str, text: str) -> None:
 
 def measure_shipped(frames: Sequence[Path], detector: str, keep: Path, pictures: Path) -> str:
     """Measure a detector on frames and draw them; return the table by range and class."""
-    from coopsim.data.recordings.find_format import open_folder
+    from coopsim.recordings.formats import open_folder
 
     folder = linked(frames, keep)
     plan = plan_of(folder, detector, len(open_folder(folder).sequences))

@@ -17,9 +17,6 @@ import numpy as np
 from tabulate import tabulate
 
 from coopsim.cli.arguments import count, names, seeds
-from coopsim.data.recordings.find_format import open_folder
-from coopsim.data.recordings.recorded_folder import RecordedFrame
-from coopsim.data.recordings.recorded_scene import count_points_in
 from coopsim.errors import CoopsimError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import center_distance_bev, iou_bev
@@ -29,6 +26,9 @@ from coopsim.localization.odometry import Points, aged
 from coopsim.nn.detector.decode import GROUP_OF_LABEL
 from coopsim.nn.inference.canvas import REACH_M
 from coopsim.nn.inference.detectors import CloudDetector
+from coopsim.recordings.formats import open_folder
+from coopsim.recordings.recorded_folder import RecordedFrame
+from coopsim.recordings.recorded_scene import count_points_in
 from coopsim.types import Detections, Ints, PointCloud
 from coopsim.types.taxonomy import ObjectClass
 

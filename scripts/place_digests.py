@@ -21,9 +21,9 @@ import numpy as np
 from coopsim.cli.arguments import seeds
 from coopsim.envs.simulated.scenario_file import load_scenario_file
 from coopsim.geometry.se3 import SE3
+from coopsim.world.drawn_places import choose_scenarios
 from coopsim.world.models import make_models
 from coopsim.world.scenario import SCENARIOS, Scenario
-from coopsim.world.towns.scenarios import choose_scenarios
 from coopsim.world.world import World
 
 DT_S = 0.1

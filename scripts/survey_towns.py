@@ -34,9 +34,9 @@ from tqdm import tqdm
 
 from coopsim.cli.arguments import names, seeds
 from coopsim.envs.simulated.scenario_file import load_scenario_file
+from coopsim.world.drawn_options import PlaceSeeds, TownOptions
 from coopsim.world.population import Population
 from coopsim.world.scenario import make_scenario
-from coopsim.world.towns.options import PlaceSeeds, TownOptions
 from coopsim.world.towns.scenarios import TownScenarios
 from coopsim.world.towns.town import draw_place
 

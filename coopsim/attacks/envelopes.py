@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from coopsim.attacks.attack import ATTACKS, Attack, AttackerView
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats, wrap_angle
+from coopsim.interfaces.attack import ATTACKS, Attack, AttackerView
 from coopsim.support.checks import require_between, require_choice, require_finite_number, require_non_negative
 from coopsim.types import NS_PER_S, Message, PoseEstimate, seconds_to_ns
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from coopsim.attacks.aims import Aim, Goal, Values
-from coopsim.attacks.attack import AttackerView
+from coopsim.interfaces.attack import AttackerView
 from coopsim.types import FeatureMap
 
 

@@ -8,11 +8,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from coopsim.attacks.attack import ATTACKS, Attack, AttackerView, Victim
 from coopsim.attacks.claims import Claims
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
+from coopsim.interfaces.attack import ATTACKS, Attack, AttackerView, Victim
 from coopsim.support.checks import require_choice, require_finite_number, require_probability
 from coopsim.types import Detections
 from coopsim.types.taxonomy import ObjectClass

@@ -14,10 +14,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from coopsim.attacks.aims import Aim, Goal
-from coopsim.attacks.attack import ATTACKS, AttackerView
 from coopsim.attacks.features import MapAim
 from coopsim.attacks.ghost import PlacedClaim
 from coopsim.attacks.queries import QueryAim
+from coopsim.interfaces.attack import ATTACKS, AttackerView
 from coopsim.support.checks import require_choice, require_count, require_positive
 from coopsim.types import FeatureMap, InstanceQueries
 from coopsim.types.taxonomy import ObjectClass

@@ -8,10 +8,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from coopsim.attacks.attack import ATTACKS, Attack, AttackerView
 from coopsim.attacks.claims import with_boxes
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
+from coopsim.interfaces.attack import ATTACKS, Attack, AttackerView
 from coopsim.support.checks import require_choice, require_finite_number, require_number, require_positive
 from coopsim.types import Detections, Mask
 from coopsim.types.taxonomy import ObjectClass

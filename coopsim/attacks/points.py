@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.attacks.attack import ATTACKS, AttackerView
 from coopsim.attacks.ghost import PlacedClaim
 from coopsim.attacks.objects import ObjectLie
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
+from coopsim.interfaces.attack import ATTACKS, AttackerView
 from coopsim.support.checks import require_non_negative
 from coopsim.types import Ints, LidarMounting, Mask, Sweep
 from coopsim.types.taxonomy import ObjectClass

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from coopsim.attacks.aims import Aim, Goal, Values
-from coopsim.attacks.attack import AttackerView
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.interfaces.attack import AttackerView
 from coopsim.types import InstanceQueries, Mask
+from coopsim.types.features import FAST_M_S
 
 _SAME_WITHIN_M = 3.0
 """Distance between the places of one object in two frames: more than the 2.5 m of a car with 25 m/s in 0.1 s, and less
@@ -77,8 +78,6 @@ class QueryAim(Aim[InstanceQueries]):
 
 def _with_spare(content: InstanceQueries, goal: Goal) -> InstanceQueries:
     """Return the queries, and behind them a copy of the surest one that states the goal's object."""
-    from coopsim.nn.queries.perceiver import FAST_M_S
-
     surest = int(np.argmax(content.score))
     vector = np.concatenate([content.feature[surest, :-2], goal.velocity[0] / FAST_M_S])
     return InstanceQueries(

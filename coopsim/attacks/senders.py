@@ -8,13 +8,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from coopsim.attacks.attack import ATTACKS, Attack, AttackerView
 from coopsim.attacks.claims import Claims
 from coopsim.comms.codecs.codec import decoder
 from coopsim.comms.envelope import decode_detections, decode_tracks
 from coopsim.errors import CodecError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
+from coopsim.interfaces.attack import ATTACKS, Attack, AttackerView
 from coopsim.support.checks import require_count, require_number, require_probability
 from coopsim.types import Detections, Message, PoseEstimate
 from coopsim.types.messages import stranger

@@ -222,7 +222,7 @@ def named_options(options: argparse.Namespace, flags: Mapping[str, str] | None =
 
 def attacks(text: str) -> str:
     """Parse attacks of agents, as `cav_1=ghost(ahead_m=15) + rsu_0=remove`, or `none`. Return their one spelling."""
-    from coopsim.attacks.attack_option import spell_attacks
+    from coopsim.interfaces.attack_option import spell_attacks
 
     try:
         return "" if text == "none" else spell_attacks(text)

@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Sequence
 
 import coopsim
-from coopsim.cli.arguments import INTERRUPTED, USER_ERROR, Parser
+from coopsim.cli.arguments import INTERRUPTED, USER_ERROR, Command, Parser
 from coopsim.cli.bench_commands import BENCH, COMPARE, REPORT
 from coopsim.cli.clip_command import CLIP
 from coopsim.cli.completion_command import COMPLETION
@@ -27,6 +27,7 @@ from coopsim.cli.world_commands import RECORD, TOWN
 from coopsim.errors import CoopsimError
 from coopsim.support.interrupts import repeated_interrupts
 from coopsim.support.printable import printable
+from coopsim.support.registry import Registry
 
 _COMMANDS = {
     "demo": DEMO,
@@ -50,11 +51,17 @@ _COMMANDS = {
     "completion": COMPLETION,
 }
 
+COMMANDS: Registry[Command] = Registry("command", group="coopsim.commands")
+"""Commands by name. Installed packages add theirs through the entry-point group `coopsim.commands`."""
+
+for _name, _command in _COMMANDS.items():
+    COMMANDS.register(_name)(_command)
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command. Return its exit status: 0, `FAILED`, `USER_ERROR` or `INTERRUPTED`."""
     typed = sys.argv[1:] if arguments is None else arguments
-    options = make_parser().parse_args(typed)
+    options = make_parser(typed).parse_args(typed)
     options.typed = shlex.join(["coopsim", *typed])
     usual_format, warnings.formatwarning = warnings.formatwarning, _warning_in_one_line
     try:
@@ -78,13 +85,21 @@ def _warning_in_one_line(message: Warning | str, *_: object, **__: object) -> st
     return f"coopsim: warning: {message}\n"
 
 
-def make_parser() -> Parser:
-    """Make the parser of all commands; a parsed line has its `command` to run."""
+def make_parser(typed: Sequence[str] = ()) -> Parser:
+    """Make the parser of all commands; a parsed line has its `command` to run.
+
+    Of the commands of installed packages only the `typed` one is loaded, so that a broken one costs itself alone.
+    """
     parser = Parser(prog="coopsim", description="The gym for cooperative perception.")
     parser.set_defaults(parser=parser)
     parser.add_argument("--version", action="version", version=f"coopsim {coopsim.__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=Parser)
-    for name, command in _COMMANDS.items():
+    installed = [name for name in COMMANDS if COMMANDS.is_installed(name) and name not in _COMMANDS]
+    for name in installed:
+        if name not in typed:
+            commands.add_parser(name, help=COMMANDS.source_of(name))
+    for name in (*_COMMANDS, *(name for name in installed if name in typed)):
+        command = _COMMANDS[name] if name in _COMMANDS else COMMANDS.get(name)
         subparser = commands.add_parser(
             name,
             help=command.help,

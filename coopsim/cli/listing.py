@@ -20,20 +20,26 @@ Entry = dict[str, Any]
 
 def listing() -> dict[str, Callable[[], list[Entry]]]:
     """Return the functions that list the entries of each kind."""
-    from coopsim.attacks.attack import ATTACKS
+    from coopsim.bench.detect.protocols import PROTOCOLS
     from coopsim.catalog import REWARDS, scenario_folder
     from coopsim.comms.codecs.codec import CODECS
     from coopsim.comms.uplinks.uplink import UPLINKS
     from coopsim.data.export.export_format import EXPORT_FORMATS
-    from coopsim.defenses.defense import DEFENSES
     from coopsim.detection.detector import DETECTORS
     from coopsim.detection.embedder import EMBEDDERS
     from coopsim.episode import RECORDERS
-    from coopsim.planning.planner import PLANNERS
+    from coopsim.interfaces.attack import ATTACKS
+    from coopsim.interfaces.defense import DEFENSES
+    from coopsim.interfaces.planner import PLANNERS
+    from coopsim.recordings.formats import RECORDINGS
+    from coopsim.world.scenario import SCENARIOS
+    from coopsim.world.situations.situation import SITUATIONS
 
     return {
         "policies": lambda: [entry | {"uplink": _uplink(entry["name"])} for entry in _registered(coopsim.POLICIES)],
         "environments": _environments,
+        "places": lambda: [_entry(name, _of_place(name)) for name in SCENARIOS],
+        "situations": partial(_registered, SITUATIONS),
         "scenario files": lambda: _files(scenario_folder()),
         "detectors": partial(_registered, DETECTORS),
         "embedders": partial(_registered, EMBEDDERS),
@@ -47,6 +53,8 @@ def listing() -> dict[str, Callable[[], list[Entry]]]:
         "metrics": _metrics,
         "recorders": partial(_registered, RECORDERS),
         "rewards": partial(_registered, REWARDS),
+        "protocols": partial(_registered, PROTOCOLS),
+        "recordings": partial(_registered, RECORDINGS),
         "export formats": partial(_registered, EXPORT_FORMATS),
         "presets": lambda: _files(_package_folder() / "bench" / "grid" / "presets", suffix=""),
         "recipes": lambda: _files(_package_folder() / "learn" / "recipes", suffix=""),
@@ -86,16 +94,23 @@ def _uplink(policy: str) -> str:
     return str(coopsim.POLICIES.get(policy).needs.uplink)
 
 
+def _of_place(name: str) -> str:
+    """Describe a place: what its maker does, or that it is described."""
+    from coopsim.world.scenario import SCENARIOS
+
+    place = SCENARIOS.get(name)
+    return _first_sentence(place.make_layout) if place.description is None else "Drive in a described place"
+
+
 def _environments() -> list[Entry]:
+    from coopsim.world.drawn_places import TOWN
     from coopsim.world.scenario import SCENARIOS
     from coopsim.world.situations.situation import SITUATIONS
-    from coopsim.world.towns.scenarios import TOWN
 
     def described(name: str) -> str:
         bare = name.rpartition("-v")[0]
         if bare in SCENARIOS:
-            place = SCENARIOS.get(bare)
-            return _first_sentence(place.make_layout) if place.description is None else "Drive in a described place"
+            return _of_place(bare)
         if bare in SITUATIONS:
             return _first_sentence(SITUATIONS.get(bare))
         return "Draw a town for each episode" if bare == TOWN else _first_sentence(coopsim.ENVIRONMENTS.get(name))

@@ -72,7 +72,7 @@ def _add_town(parser: argparse.ArgumentParser) -> None:
 
 def _run_town(options: argparse.Namespace) -> int:
     from coopsim.viz.portrait import require_picture, write_picture
-    from coopsim.world.towns.options import TownOptions
+    from coopsim.world.drawn_options import TownOptions
     from coopsim.world.towns.scenarios import draw_town, write_town
 
     if options.picture is not None:
@@ -100,9 +100,9 @@ def _place(text: str) -> int | Path:
 def _picture_of_file(options: argparse.Namespace, *, drawn: bool) -> Path:
     """Draw the place of a scenario file; `drawn` tells that options of drawn towns are given."""
     from coopsim.viz.portrait import write_picture
+    from coopsim.world.drawn_places import TOWN as DRAWN
     from coopsim.world.scenario import NUMBERS, make_scenario
     from coopsim.world.situations.situation import NAMED
-    from coopsim.world.towns.scenarios import TOWN as DRAWN
 
     if options.picture is None or options.out is not None or drawn:
         raise InvalidValueError("of a scenario file --picture FILE.png is drawn: give that, and no option of a seed")

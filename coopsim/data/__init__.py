@@ -2,3 +2,7 @@
 
 Start in `recordings` (sweeps), `recording_set` (detections in text files) or `export` (folders to write).
 """
+
+from coopsim.support.moved import moved
+
+moved(f"{__name__}.opencood", "coopsim.learn.opencood")

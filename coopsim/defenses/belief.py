@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from coopsim.defenses.guard import MOST_SENDERS
+from coopsim.interfaces.guard import MOST_SENDERS
 
 PRIOR, TURNS = 0.05, 0.002
 """Chance that a sender that has not been heard lies, and that an honest one begins to lie, or a liar ends, in a frame;

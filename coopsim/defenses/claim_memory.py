@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from coopsim.defenses.guard import MOST_SENDERS
 from coopsim.geometry.se3 import SE3, Floats
+from coopsim.interfaces.guard import MOST_SENDERS
 from coopsim.types import NS_PER_S, Detections
 
 _SAME_M, _FORGOTTEN_S = 2.5, 1.0

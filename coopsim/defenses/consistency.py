@@ -9,10 +9,10 @@ import numpy as np
 
 from coopsim.defenses.belief import SenderBeliefs
 from coopsim.defenses.claim_memory import ClaimMemory
-from coopsim.defenses.defense import DEFENSES, LEAST_TRUST, Claim, Defense, Reception, Trust
 from coopsim.defenses.lidar_rays import LidarRays
 from coopsim.geometry.boxes import covers
 from coopsim.geometry.se3 import Floats
+from coopsim.interfaces.defense import DEFENSES, LEAST_TRUST, Claim, Defense, Reception, Trust
 from coopsim.support.checks import require_count, require_flag, require_positive
 from coopsim.types import Detections, Mask
 

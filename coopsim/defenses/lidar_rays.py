@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from coopsim.defenses.defense import Claim, Reception
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
+from coopsim.interfaces.defense import Claim, Reception
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coopsim.defenses.defense import DEFENSES, Defense, Reception, Trust
 from coopsim.defenses.made_calibration import MATCH_LOSS, RECONSTRUCTION
 from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.iou import iou_bev
 from coopsim.geometry.se3 import Floats
+from coopsim.interfaces.defense import DEFENSES, Defense, Reception, Trust
 from coopsim.support.checks import require_count, require_positive, require_probability
 from coopsim.types import Detections, FeatureMap, Mask
 

@@ -8,11 +8,11 @@ from typing import ClassVar
 import numpy as np
 
 from coopsim.defenses.claim_memory import ClaimMemory
-from coopsim.defenses.defense import DEFENSES, Claim, Defense, Reception, Trust
-from coopsim.defenses.guard import MOST_SENDERS
 from coopsim.defenses.lidar_rays import LidarRays
 from coopsim.geometry.boxes import covers
 from coopsim.geometry.se3 import Floats
+from coopsim.interfaces.defense import DEFENSES, Claim, Defense, Reception, Trust
+from coopsim.interfaces.guard import MOST_SENDERS
 from coopsim.support.checks import require_count, require_positive, require_probability
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from coopsim.defenses.defense import DEFENSES, Defense, Reception, Trust
 from coopsim.errors import DefenseError
+from coopsim.interfaces.defense import DEFENSES, Defense, Reception, Trust
 
 
 @DEFENSES.register("oracle")

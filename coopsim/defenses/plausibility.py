@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from coopsim.defenses.belief import SenderBeliefs
-from coopsim.defenses.defense import DEFENSES, Claim, Defense, Reception, Trust
-from coopsim.defenses.guard import MOST_SENDERS
 from coopsim.geometry.se3 import Floats, wrap_angle
+from coopsim.interfaces.defense import DEFENSES, Claim, Defense, Reception, Trust
+from coopsim.interfaces.guard import MOST_SENDERS
 from coopsim.support.checks import require_positive
 from coopsim.types import NS_PER_S, Mask
 

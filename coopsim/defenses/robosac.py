@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from coopsim.defenses.defense import DEFENSES, Defense, Reception, Trust
 from coopsim.geometry.assignment import greedy
 from coopsim.geometry.iou import iou_bev
+from coopsim.interfaces.defense import DEFENSES, Defense, Reception, Trust
 from coopsim.support.checks import require_count, require_probability
 from coopsim.types import Detections
 

@@ -115,7 +115,9 @@ class NoDetector(Detector):
 
 
 DETECTORS: Registry[Callable[..., DetectorBase]] = Registry(
-    "detector", home="coopsim.detection.presets", group="coopsim.detectors"
+    "detector",
+    home=("coopsim.detection.presets", "coopsim.detection.network_detectors"),
+    group="coopsim.detectors",
 )
 """Functions that make a detector, by name; packages add theirs through the entry-point group `coopsim.detectors`."""
 

@@ -61,7 +61,7 @@ class Embedder(ABC):
 
 
 EMBEDDERS: Registry[Callable[..., Embedder]] = Registry(
-    "embedder", home="coopsim.detection.presets", group="coopsim.embedders"
+    "embedder", home="coopsim.detection.identity_embedders", group="coopsim.embedders"
 )
 """Functions that make an embedder, by name; packages add theirs through the group `coopsim.embedders`."""
 

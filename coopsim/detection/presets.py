@@ -9,10 +9,6 @@ from typing import Any
 
 from coopsim.config.load import load, read_mapping
 from coopsim.config.spec import instantiate, parse_spec
-from coopsim.detection import (  # noqa: F401  (they register themselves)
-    identity_embedders,
-    network_detectors,
-)
 from coopsim.detection.detector import DETECTORS, DetectorBase
 from coopsim.detection.simulated.correlated import CorrelatedDetector, CorrelatedDetectorConfig
 from coopsim.detection.simulated.simulated import SimulatedDetector, SimulatedDetectorConfig

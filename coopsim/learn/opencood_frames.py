@@ -10,9 +10,8 @@ import numpy as np
 import torch
 from torch.utils.data import IterableDataset, get_worker_info
 
-import coopsim
-import coopsim.nn
-from coopsim.data.opencood import Batch, Layout, collate, make_sample
+from coopsim.catalog import parallel_env
+from coopsim.learn.opencood import Batch, Layout, collate, make_sample
 from coopsim.support.checks import as_runs
 from coopsim.types import PointCloud
 
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class CooperativeFrames(IterableDataset[Batch]):
-    """Samples of every connected car in every frame of some episodes; see `coopsim.data.opencood` for the keys.
+    """Samples of every connected car in every frame of some episodes; see `coopsim.learn.opencood` for the keys.
 
     Use it with `torch.utils.data.DataLoader(frames, batch_size=2, collate_fn=join)`; workers share the episodes. Points
     of other agents are placed by estimated poses, so options such as `position_noise_m` disturb them; messages are
@@ -59,7 +58,7 @@ class CooperativeFrames(IterableDataset[Batch]):
         given = dict(self._options)
         if Path(self._environment).is_dir():
             given.pop("detector")
-        return coopsim.parallel_env(self._environment, **given)
+        return parallel_env(self._environment, **given)
 
 
 def _sample(layout: Layout, frame: Frame, receiver: str) -> Batch:

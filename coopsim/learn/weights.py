@@ -14,7 +14,6 @@ import numpy as np
 import torch
 from torch import nn
 
-import coopsim
 from coopsim.config.checked_entry import plain
 from coopsim.config.load import load
 from coopsim.errors import InvalidValueError, UnknownNameError, WeightsNotShippedError
@@ -34,6 +33,7 @@ from coopsim.nn.ranking_net import RankingConfig, RankingNet
 from coopsim.support.precision import note_weights
 from coopsim.support.user_code import code_in
 from coopsim.types.taxonomy import CLASS_NAMES
+from coopsim.version import __version__
 
 SUFFIX = ".safetensors"
 
@@ -51,7 +51,7 @@ NETWORKS: Mapping[str, tuple[type[Any], Callable[[Any], nn.Module]]] = {
 }
 """Options and network of each kind of weights."""
 
-_SHIPPED = Path(coopsim.__file__).parent / "weights"
+_SHIPPED = Path(__file__).parents[1] / "weights"
 _LOADED = 24
 _LATER_OPTIONS = {"layout": "dense", "ground": "smooth", "bands_m": (), "apart": False}
 """Options of encoders that older files do not say, with what these have."""
@@ -221,7 +221,7 @@ def save_weights(path: Path, net: nn.Module, metadata: Mapping[str, Any]) -> Non
     for name, tensor in tensors.items():
         if not bool(torch.isfinite(tensor).all()):
             raise InvalidValueError(f"{name} must be finite and fit into 16 bits, and does not")
-    said = {"classes": list(CLASS_NAMES), "version": coopsim.__version__, **metadata}
+    said = {"classes": list(CLASS_NAMES), "version": __version__, **metadata}
     texts = {key: value if isinstance(value, str) else _json(value) for key, value in said.items()}
     write_tensors(path, tensors, texts)
 

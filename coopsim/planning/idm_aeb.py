@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coopsim.geometry.se3 import Floats, wrap_angle
-from coopsim.planning.planner import PLANNERS, PlannedCar, Planner
+from coopsim.interfaces.planner import PLANNERS, PlannedCar, Planner
 from coopsim.support.checks import require_positive
 from coopsim.types import NS_PER_S, Ints, Mask, Tracks
 from coopsim.types.driving import HAS_PRIORITY, LARGEST_BRAKING_M_S2, NOBODY_FIRST

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar
@@ -23,15 +23,15 @@ _LIBRARY = "coopsim"
 class Registry(Generic[T]):
     """Objects by name. Registering a name twice raises; an unknown name raises and lists the close ones.
 
-    `kind` is the objects', in the singular, for error messages ("policy"). `home` is a module that is imported at the
-    first look-up, and registers the built-in entries; it is given by name, so that the library does not import its
-    plug-ins. `group` is an entry-point group through which installed packages add entries. Their names are known at
-    once; their modules are loaded when an entry is looked up.
+    `kind` is the objects', in the singular, for error messages ("policy"). `home` names the modules that are
+    imported at the first look-up, and register the built-in entries: the library does not import its plug-ins. `group`
+    is an entry-point group through which installed packages add entries. Their names are known at once; their modules
+    are loaded when an entry is looked up.
     """
 
-    def __init__(self, kind: str, *, home: str | None = None, group: str | None = None) -> None:
+    def __init__(self, kind: str, *, home: str | Sequence[str] = (), group: str | None = None) -> None:
         self.kind = kind
-        self._home, self._group = home, group
+        self._modules, self._group = (home,) if isinstance(home, str) else tuple(home), group
         self._entries: dict[str, T] = {}
         self._aliases: dict[str, str] = {}
         self._homes: dict[str, str] = {}
@@ -75,6 +75,10 @@ class Registry(Generic[T]):
                 return f"{package}entry point {point.value!r}"
         return "this program"
 
+    def is_installed(self, name: str) -> bool:
+        """Return whether an entry is of an installed package, by an entry point."""
+        return any(point.name == name for point in self._points)
+
     def name_of(self, entry: type) -> str:
         """Return the name under which a class is registered; raise `UnknownNameError` if it is not."""
         self._load_home()
@@ -113,8 +117,8 @@ class Registry(Generic[T]):
         return (_registry_at, (self._module, names[0])) if names else super().__reduce_ex__(protocol)
 
     def _load_home(self) -> None:
-        if self._home is not None:
-            importlib.import_module(self._home)
+        for module in self._modules:
+            importlib.import_module(module)
 
     @cached_property
     def _points(self) -> tuple[EntryPoint, ...]:

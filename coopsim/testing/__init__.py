@@ -3,6 +3,7 @@
 Start at the check of your kind of part; `harness.py` has what several share.
 """
 
+from coopsim.interfaces.conformance import CONFORMANCE
 from coopsim.testing.attack_checks import check_attack
 from coopsim.testing.defense_checks import check_defense
 from coopsim.testing.fusion_checks import check_fusion
@@ -24,3 +25,6 @@ __all__ = [
     "check_policy",
     "check_uplink",
 ]
+
+for _name in __all__:
+    CONFORMANCE.register(_name.removeprefix("check_"))(globals()[_name])

@@ -7,10 +7,10 @@ from contextlib import closing
 from dataclasses import replace
 from typing import Any
 
-from coopsim.attacks.attack import KNOWLEDGE, Attack, contents_of, hooks_of, make_attack
 from coopsim.catalog import make_policy, parallel_env
 from coopsim.episode import Episode, Recorder, run_episode
 from coopsim.errors import CoopsimError
+from coopsim.interfaces.attack import KNOWLEDGE, Attack, contents_of, hooks_of, make_attack
 from coopsim.testing.harness import SMALL, digest, name_of
 from coopsim.types import NS_PER_S, Message, Observation
 from coopsim.types.lies import Lie

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from coopsim.catalog import make_policy
-from coopsim.defenses.defense import LEAST_TRUST, Claim, Defense, Reception, Trust, make_defense
-from coopsim.defenses.guard import checked_trust
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
+from coopsim.interfaces.defense import LEAST_TRUST, Claim, Defense, Reception, Trust, make_defense
+from coopsim.interfaces.guard import checked_trust
 from coopsim.testing.harness import SMALL, name_of, require_own_state, untouched
 from coopsim.types import Detections
 

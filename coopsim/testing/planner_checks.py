@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.planning.planner import PlannedCar, Planner, make_planner
+from coopsim.interfaces.planner import PlannedCar, Planner, make_planner
 from coopsim.testing.harness import name_of, require_own_state, untouched
 from coopsim.types import NS_PER_S, Tracks
 from coopsim.types.driving import JERK_M_S3, LARGEST_ACCELERATION_M_S2, LARGEST_BRAKING_M_S2, NOBODY_FIRST, Route

@@ -234,6 +234,10 @@ def _bilinear(values: NDArray[np.float32], row: Floats, column: Floats, inside: 
     return out
 
 
+FAST_M_S = 10.0
+"""Unit of the velocity that is the last two numbers of a query's feature vector."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class InstanceQueries:
     """K queries, each a feature vector of one object, in the sender's base frame.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from gymnasium import spaces
@@ -18,9 +18,6 @@ from coopsim.types.messages import IDLE, MANEUVERS, MessagePart, Said
 from coopsim.types.taxonomy import CLASS_NAMES
 from coopsim.wire.columns import COUNTER, box_space, real_space, rows_space
 from coopsim.wire.message_parts import message_space, unpack_message
-
-if TYPE_CHECKING:
-    from coopsim.agents.policy import Policy
 
 _TRACK_COLUMNS = {
     "id": ("track id", np.dtype(np.int64)),
@@ -226,8 +223,18 @@ def tracks_of(actions: Mapping[str, Any]) -> dict[str, Tracks]:
     }
 
 
+class _Acts(Protocol):
+    """Part of a policy that `act_of` needs."""
+
+    @property
+    def needs(self) -> Any: ...
+    def act(
+        self, observations: Mapping[str, Mapping[str, Any]], infos: Mapping[str, Mapping[str, Any]] | None = None, /
+    ) -> dict[str, dict[str, Any]]: ...
+
+
 def act_of(
-    policy: Policy, observations: Mapping[str, Mapping[str, Any]], infos: Mapping[str, Mapping[str, Any]]
+    policy: _Acts, observations: Mapping[str, Mapping[str, Any]], infos: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, dict[str, Any]]:
     """Return a policy's actions. The infos, in which the truth may be, go to a policy that `needs` it alone."""
     return policy.act(observations, infos) if policy.needs.truth else policy.act(observations)

@@ -11,8 +11,6 @@ from typing import Any
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.support.checks import require_choice, require_non_negative
 from coopsim.support.registry import Registry
-from coopsim.world.custom.place import place_from
-from coopsim.world.furniture.furnish import furnished_for
 from coopsim.world.models import Model, make_models
 from coopsim.world.places.crossings import (
     make_crossing,
@@ -25,16 +23,24 @@ from coopsim.world.places.description import PlaceDescription
 from coopsim.world.places.highway import make_highway, make_platoon
 from coopsim.world.places.layout import Layout
 from coopsim.world.places.merge import make_merge
+from coopsim.world.places.place import BUILDERS
 from coopsim.world.places.place import Place as Place
 from coopsim.world.places.urban_grid import make_urban_grid
 from coopsim.world.population import Population, require_one_of_each
 from coopsim.world.script import Script
 from coopsim.world.snapshot import StaticPart
-from coopsim.world.surroundings.street import street_for
 
 DETAILS = ("plain", "full", "street")
 """How much there is to see: roads, buildings and a few shapes of actors; also furniture, plants, varied actors; also
 the surroundings of real streets, and people and vehicles at rest in them."""
+
+
+FURNISHINGS: Registry[Callable[..., Layout]] = Registry("furnishing", home="coopsim.world.surroundings.furnishings")
+"""Functions that return a layout with more in it.
+
+"furniture" and what stands and rests in a "street" are given the place's identity (its name, or all of its description
+as text), its layout and its population, "clutter" a layout and a random generator.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,11 +147,11 @@ class ScenarioRegistry(Registry[Place]):
         if not isinstance(made, (Place, PlaceDescription)):
             accepted = "a PlaceDescription, or a function that returns one"
             raise InvalidValueError(f"scenario {name!r} must be {accepted}, got {type(made).__name__}")
-        self._entries[name] = made if isinstance(made, Place) else place_from(made, name)
+        self._entries[name] = made if isinstance(made, Place) else BUILDERS.get("described")(made, name)
         return self._entries[name]
 
 
-SCENARIOS = ScenarioRegistry("scenario", group="coopsim.places")
+SCENARIOS: Registry[Place] = ScenarioRegistry("scenario", group="coopsim.places")
 """Places by name. Installed packages add theirs through the entry-point group `coopsim.places`."""
 
 
@@ -192,9 +198,9 @@ def make_scenario(place: str | Place, *, density: float = 1.0, detail: str | Non
     # Names of described places hold those of their files, which may change.
     identity = found.name if found.description is None else found.description.identity
     if detail != "plain" and (found.description is None or found.description.furniture is None):
-        layout = furnished_for(identity, layout)
+        layout = FURNISHINGS.get("furniture")(identity, layout, population)
     if detail == "street":
-        layout = street_for(identity, layout, park=not population.parked)
+        layout = FURNISHINGS.get("street")(identity, layout, population)
     return Scenario(found.name, layout, population, detail, found.description)
 
 

@@ -17,9 +17,9 @@ from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.model import Model
 from coopsim.world.models.paint import Colors, draw_colors
 from coopsim.world.people.people import MANNERS, People, join_bodies
+from coopsim.world.people.scripted import ScriptedPeople
 from coopsim.world.scenario import Scenario
 from coopsim.world.script import Script
-from coopsim.world.situations.walking import ScriptedPeople
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap, StaticPart
 from coopsim.world.traffic.fleet import Fleet
 from coopsim.world.traffic.traffic import Traffic

@@ -13,7 +13,7 @@ import numpy as np
 
 from coopsim.envs.frames import AgentFrame, Frame
 from coopsim.errors import InvalidValueError, PlannerError
-from coopsim.planning.planner import PlannedCar, Planner, PlannerOption, make_planner
+from coopsim.interfaces.planner import PlannedCar, Planner, PlannerOption, make_planner
 from coopsim.types import NS_PER_S, AgentSpec, Tracks
 from coopsim.types.driving import LARGEST_ACCELERATION_M_S2, LARGEST_BRAKING_M_S2
 
@@ -97,4 +97,4 @@ def require_planner(planner: PlannerOption) -> None:
     """
     made: object = make_planner(planner)
     if not isinstance(made, Planner):
-        raise InvalidValueError(f"planner must make a coopsim.planning.planner.Planner, got {made!r}")
+        raise InvalidValueError(f"planner must make a coopsim.interfaces.planner.Planner, got {made!r}")

@@ -31,14 +31,14 @@ from coopsim.errors import CoopsimError, ScenarioFileError
 from coopsim.support.checks import require_choice
 from coopsim.support.user_code import code_in
 from coopsim.world.custom.place import read_place, write_place_file
+from coopsim.world.drawn_options import PlaceSeeds, TownOptions
+from coopsim.world.drawn_places import TOWN, scenario_names
 from coopsim.world.places.description import PlaceDescription
 from coopsim.world.places.layout import Layout
 from coopsim.world.population import Population
 from coopsim.world.scenario import SCENARIOS, Place
 from coopsim.world.situations.situation import NAMED, SITUATIONS, Situation
 from coopsim.world.situations.written import ROLE_KEYS, WrittenSituation, read_roles
-from coopsim.world.towns.options import PlaceSeeds, TownOptions
-from coopsim.world.towns.scenarios import TOWN, scenario_names
 
 SHIPPED = Path(__file__).parent / "scenarios"
 """Folder of the shipped files, which are found by their names, too."""

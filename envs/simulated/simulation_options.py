@@ -13,8 +13,8 @@ from coopsim.detection.presets import DEFAULT_DETECTOR
 from coopsim.envs.options import PerceptionOptions
 from coopsim.envs.simulated.planned_driving import require_planner
 from coopsim.errors import InvalidValueError
+from coopsim.interfaces.planner import PlannerOption
 from coopsim.localization.localizer import LocalizationConfig
-from coopsim.planning.planner import PlannerOption
 from coopsim.sensors import FARTHEST_M
 from coopsim.sensors.camera.camera import RigOption, check_rig
 from coopsim.sensors.camera.daylight import Daylight, Illumination, as_daylight

@@ -28,7 +28,7 @@ from coopsim.envs.wrappers.received import Arrays, Scene, View, reporter
 from coopsim.envs.wrappers.track_rows import FASTEST_M_S, MOST_SIZE_M
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
-from coopsim.planning.planner import PlannedCar
+from coopsim.interfaces.planner import PlannedCar
 from coopsim.support.checks import require_count, require_positive
 from coopsim.types import CLASS_NAMES, Tracks
 from coopsim.types.driving import ACCELERATION, LARGEST_BRAKING_M_S2, CarState, Route

@@ -10,8 +10,9 @@ import numpy as np
 from stepping import Stepper
 
 import coopsim
+from coopsim.envs.simulated.record_episode import recorded_scenario
 from coopsim.world.recording.episode_file import Episode
-from coopsim.world.recording.recorded_world import PlayedWorld, recorded_scenario
+from coopsim.world.recording.recorded_world import PlayedWorld
 from coopsim.world.scenario import make_scenario
 from coopsim.world.world import World
 

@@ -34,9 +34,6 @@ TRAINS = ("docs/learn/train_a_fusion.md", "18_train_your_own_fusion.py")
 IN_EVERY_RUN = ("README.md", "docs/learn/start.md")
 """Pages whose Python `make test` runs; `.ci/run` runs that of all others."""
 
-LEARNERS = "docs/learn/learners.md"
-"""A page that runs libraries for learners; `test_learners.py` shows that these take our environments."""
-
 MAY_LACK = {
     "stable_baselines3": "stable_baselines3",
     "supersuit": "supersuit",

@@ -13,7 +13,7 @@ from representatives import except_for
 
 from coopsim import Attack, AttackerView
 from coopsim.attacks import ATTACKS, make_attack
-from coopsim.testing import check_attack
+from coopsim.testing import attack_checks, check_attack
 from coopsim.types import Detections, Message
 
 MINE = """
@@ -29,14 +29,26 @@ class Mine(coopsim.Attack):
 """
 
 
-@pytest.mark.parametrize(
-    "name", except_for(ATTACKS.names(), {"bim", "cw", "pgd"})
-)  # they take many of the steps of `fgsm`
+BY_GRADIENTS = {"bim", "cw", "fgsm", "pgd"}
+
+
+@pytest.mark.parametrize("name", except_for(ATTACKS.names(), BY_GRADIENTS))
 def test_every_registered_attack_keeps_the_rules(name: str) -> None:
     if ATTACKS.get(name).knowledge == "weights":
         pytest.importorskip("torch")
     spec = {"flood": "flood(messages=5)", "overload": "overload(objects=20)", "replay": "replay(delay_s=0.1)"}
     check_attack(spec.get(name, name))
+
+
+def test_an_attack_by_gradients_keeps_the_rules_on_maps_of_features(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a tiny network; on those that ship, and on queries, `make check-long` tries it among all others."""
+    pytest.importorskip("torch")
+    from tiny_networks import learned
+
+    settings = ", ".join(f"{name}={value!r}" for name, value in learned("attfuse").items())
+    monkeypatch.setattr(attack_checks, "_POLICIES", {"features": f"attfuse({settings})"})
+    monkeypatch.setattr(attack_checks, "_FRAMES", 4)
+    check_attack("fgsm")
 
 
 @dataclass(kw_only=True)

@@ -12,8 +12,8 @@ from representatives import all_of
 import coopsim
 from coopsim import Defense, Reception, Trust
 from coopsim.cli import main
-from coopsim.defenses.defense import DEFENSES, make_defense
 from coopsim.errors import DefenseError, InvalidValueError, UnknownNameError
+from coopsim.interfaces.defense import DEFENSES, make_defense
 from coopsim.testing import check_defense
 
 SENSORS: dict[str, Any] = {"lidar": "VLP-16", "lidar_columns": 256}

@@ -37,7 +37,16 @@ FAMILIES = ("cooptrack", "dino_codt", "early", "ff_tracking", "vic_integrated", 
 EVERY = pytest.mark.parametrize("name", all_of(NAMES, *FAMILIES))
 OF_EACH_MESSAGE = pytest.mark.parametrize("name", all_of(NAMES, "cooptrack", "dino_codt", "early", "where2comm"))
 """For what takes whole episodes, one policy of each kind of message."""
-IN_BOTH = pytest.mark.parametrize("arithmetic", ["float32", "bfloat16"], indirect=True)
+ALIGNED_IN_BOTH = pytest.mark.parametrize(
+    ("align", "arithmetic"),
+    [
+        (False, "float32"),
+        (True, "bfloat16"),
+        pytest.param(False, "bfloat16", marks=pytest.mark.long),
+        pytest.param(True, "float32", marks=pytest.mark.long),
+    ],
+    indirect=["arithmetic"],
+)
 IN_BOTH_IF_LONG = pytest.mark.parametrize("arithmetic", all_of(["float32", "bfloat16"], "float32"), indirect=True)
 EVERY_FUSION = pytest.mark.parametrize("name", all_of(FUSIONS, "ff_tracking", "where2comm"))
 EVERY_QUERY = pytest.mark.parametrize("name", all_of(QUERIES, "cooptrack"))
@@ -93,6 +102,7 @@ def require_same(one: list[Tracks], other: list[Tracks]) -> None:
         np.testing.assert_array_equal(a.boxes.array, b.boxes.array)
 
 
+@pytest.mark.heavy("a check plays eight episodes, here with a network for each agent")
 @IN_BOTH_IF_LONG
 @OF_EACH_MESSAGE
 def test_policy(name: str) -> None:
@@ -116,9 +126,8 @@ def test_somebody_else_makes_a_difference_and_empty_frames_none(name: str) -> No
     assert len(play(begin(policy), blind)[0]) == 0
 
 
-@IN_BOTH
 @EVERY
-@pytest.mark.parametrize("align", [False, True])
+@ALIGNED_IN_BOTH
 def test_the_same_message_twice_and_older_ones_change_nothing(name: str, align: bool) -> None:
     policy = make(name, align=align)
     heard = [said(policy, k * FRAME_NS) for k in range(5)]

@@ -12,7 +12,7 @@ import coopsim
 from coopsim import PlannedCar, Planner
 from coopsim.cli import main
 from coopsim.errors import InvalidValueError, UnknownNameError
-from coopsim.planning.planner import PLANNERS, make_planner
+from coopsim.interfaces.planner import PLANNERS, make_planner
 from coopsim.testing import check_planner
 
 MINE = """

@@ -26,8 +26,8 @@ from coopsim.envs.options import CommonOptions, PerceptionOptions
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import GridFileError, InvalidValueError, ScenarioFileError
 from coopsim.support.user_code import code_in
+from coopsim.world.drawn_options import PlaceSeeds, TownOptions
 from coopsim.world.population import Population
-from coopsim.world.towns.options import PlaceSeeds, TownOptions
 
 OPTIONS = {"lidar": None, "vehicles": 4}
 

@@ -15,9 +15,9 @@ from test_environments import Make, assert_same, play
 import coopsim
 from coopsim.errors import InvalidValueError, RecordingError, ScenarioFileError, UnknownNameError
 from coopsim.viz.portrait import write_picture
+from coopsim.world.drawn_options import TownOptions
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.scenario import make_scenario
-from coopsim.world.towns.options import TownOptions
 from coopsim.world.towns.scenarios import draw_town, write_town
 
 SMALL_TOWN: dict[str, Any] = {"junctions": 1, "lanes": 1}

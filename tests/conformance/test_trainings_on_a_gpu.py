@@ -38,22 +38,23 @@ def recipes() -> Iterator[str]:
 
 
 def trained(name: str, folder: Path, device: str) -> dict[str, Any]:
-    """Return the weights after one step."""
+    """Return the weights after two steps."""
     recipe = find_recipe(name)
     size = {"reach_m": 38.4} | ({"crop_cells": 64} if "crop_cells" in recipe.samples else {})
     small = recipe.changed(
-        steps=1,
+        steps=2,
         batch=min(recipe.batch, 2),
         block=1,
         passes=1,
-        validate_every=1,
+        validate_every=2,
         held_out=1,
         samples={**recipe.samples, **(size if "identity" not in recipe.kind else {})},
     )
-    source = PicturedClips(frames=3) if "picture" in recipe.kind else SyntheticClips(frames=3)
+    source = PicturedClips(frames=4) if "picture" in recipe.kind else SyntheticClips(frames=4)
     return load_file(train(small, folder, 1, source=source, device=device, workers=0))
 
 
+@pytest.mark.heavy("two trainings")
 @pytest.mark.parametrize("name", all_of(sorted(recipes()), *OF_EACH_KIND))
 def test_a_training_on_a_gpu_has_everything_there_and_ends_the_same(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -10,8 +10,25 @@ Item = TypeVar("Item", bound=Any)
 
 SLOW = (
     "conformance/test_every_learned_policy.py",
-)  # fmt: skip
-"""Files by the processor time that their tests took together, the longest first."""
+    "integration/test_bench.py",
+    "conformance/test_every_policy.py",
+    "unit/bench/entries/test_cheats.py",
+    "unit/bench/entries/test_entries.py",
+    "conformance/test_learned_policies_with_cameras.py",
+    "conformance/test_every_defense.py",
+    "conformance/test_trainings_on_a_gpu.py",
+    "conformance/test_every_attack.py",
+    "conformance/test_environments.py",
+    "integration/test_safety.py",
+    "unit/bench/store/test_fingerprint.py",
+    "integration/test_own_metric.py",
+    "integration/test_learning_to_drive.py",
+    "conformance/test_every_detector.py",
+    "integration/test_isolated.py",
+    "integration/test_driving.py",
+    "integration/test_vector.py",
+)
+"""Files whose tests take most processor time together, the longest about first; `--durations` shows others."""
 
 
 def slow_first(items: Sequence[Item]) -> list[Item]:

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from coopsim.defenses.defense import DEFENSES
+from coopsim.interfaces.defense import DEFENSES
 
 _SCRIPT = """
 from helpers.clip_sources import NumberedClips
-from coopsim.defenses.defense import DEFENSES, Defense
+from coopsim.interfaces.defense import DEFENSES, Defense
 
 @DEFENSES.register("of_the_script")
 class OfTheScript(Defense):

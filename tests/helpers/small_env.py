@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from coopsim.world.towns.scenarios import scenario_names
+from coopsim.world.drawn_places import scenario_names
 
 SMALL: dict[str, Any] = {
     "vehicles": 10,

@@ -203,6 +203,7 @@ def test_interrupted_killed_and_ended_by_two_commands_at_once(
     assert written(out_dir) == written(tmp_path / "uninterrupted")
 
 
+@pytest.mark.heavy("it draws all figures of a benchmark, three times")
 def test_a_half_finished_folder_has_everything_and_goes_on_to_the_same_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

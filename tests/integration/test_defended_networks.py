@@ -34,6 +34,7 @@ class Asks(Defense):
         return Trust({})
 
 
+@pytest.mark.heavy("five episodes with a network that ships")
 @pytest.mark.parametrize("name", all_of(["attfuse", "cooptrack", "early", "vic_integrated"], "attfuse"))
 def test_networks_believe_whom_their_defense_believes(name: str) -> None:
     def score(defense: Any = None, **options: Any) -> dict[str, float]:

@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env
 import coopsim
 from coopsim.envs.wrappers import BevImage, Driving, FixedTracks
 from coopsim.errors import InvalidActionError, PlannerError
-from coopsim.planning.planner import PlannedCar, Planner
+from coopsim.interfaces.planner import PlannedCar, Planner
 from coopsim.types import Tracks
 from coopsim.wire.actions import pack_tracks
 from coopsim.world.world import World

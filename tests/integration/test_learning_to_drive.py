@@ -15,7 +15,7 @@ import coopsim
 from coopsim.envs.wrappers import BevImage, Driving, DrivingRows, FixedSize, Flatten
 from coopsim.envs.wrappers.driving_rows import DrivingRowsView
 from coopsim.errors import CoopsimError, EpisodeStateError, UnknownNameError
-from coopsim.planning.planner import PlannedCar, Planner
+from coopsim.interfaces.planner import PlannedCar, Planner
 from coopsim.support.rng import derived_seed
 from coopsim.types.driving import GIVES_WAY, HAS_PRIORITY
 

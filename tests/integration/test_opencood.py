@@ -17,9 +17,9 @@ from torch.utils.data import DataLoader
 
 import coopsim
 from coopsim.agents.opencood_network import OpenCoodNetwork
-from coopsim.data.opencood import Layout, collate, make_sample, voxelize
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
+from coopsim.learn.opencood import Layout, collate, make_sample, voxelize
 from coopsim.learn.opencood_frames import CooperativeFrames, join
 from coopsim.testing import check_policy
 from coopsim.types import PointCloud

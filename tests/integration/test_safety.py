@@ -26,10 +26,10 @@ from coopsim.bench.safety.panel import CRASH, Panel, View
 from coopsim.bench.safety.recording import Recording, record
 from coopsim.bench.store.store import Store
 from coopsim.cli.entry import main
-from coopsim.planning.planner import PLANNERS, PlannedCar, Planner
+from coopsim.interfaces.planner import PLANNERS, PlannedCar, Planner
 
 SITUATION = "crossing_path"
-GRID = Grid(("no_fusion", "late_fusion"), scenarios=(SITUATION,), penetrations=(1, 0), seeds=(0, 1), frames=20)
+GRID = Grid(("no_fusion", "late_fusion"), scenarios=(SITUATION,), penetrations=(1, 0), seeds=(0, 1), frames=8)
 
 
 class KeepsItsSpeed(Planner):
@@ -55,6 +55,7 @@ def told(results: list[CellResult]) -> str:
     return repr([(each.cell, each.values, each.agents, each.rewards.tolist(), each.messages) for each in results])
 
 
+@pytest.mark.heavy("it draws all figures of a benchmark")
 @pytest.mark.parametrize("workers", [0, pytest.param(2, marks=pytest.mark.long)])
 def test_results_are_the_same_after_an_interruption(tmp_path: Path, workers: int) -> None:
     """And for any number of workers; none: in this process."""

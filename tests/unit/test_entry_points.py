@@ -81,12 +81,12 @@ import coopsim
 from coopsim.catalog import POLICIES, REWARDS
 from coopsim.comms.codecs.codec import CODECS
 from coopsim.comms.uplinks.uplink import UPLINKS
-from coopsim.defenses.defense import DEFENSES
+from coopsim.interfaces.defense import DEFENSES
 from coopsim.detection.detector import DETECTORS
 from coopsim.detection.embedder import EMBEDDERS
 from coopsim.episode import RECORDERS
 from coopsim.metrics.metric import METRICS
-from coopsim.planning.planner import PLANNERS
+from coopsim.interfaces.planner import PLANNERS
 
 registries = [POLICIES, DETECTORS, UPLINKS, CODECS, EMBEDDERS, METRICS, RECORDERS, REWARDS, PLANNERS, DEFENSES]
 for registry in registries:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import coopsim
-from coopsim.attacks.attack_option import attacks_by_agent, spell_attacks
 from coopsim.bench.detect.episode import Boxes, Pace, Receivers, Selection, pace_of, perceive_episode, receiving
 from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.detect.protocols import PROTOCOLS
@@ -32,6 +31,7 @@ from coopsim.bench.grid.policies import (
 from coopsim.bench.store.fingerprint import changed_parts, fingerprint, key_of
 from coopsim.catalog import PolicySpec, is_recordings_folder
 from coopsim.errors import InvalidValueError
+from coopsim.interfaces.attack_option import attacks_by_agent, spell_attacks
 from coopsim.support.checks import (
     MOST_RUNS,
     as_runs,

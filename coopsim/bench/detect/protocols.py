@@ -44,7 +44,8 @@ class Protocol(ABC):
         """Return the metrics of the joined rankings, in [0, 1] where they are ratios; NaN where nothing was there."""
 
 
-PROTOCOLS: Registry[type[Protocol]] = Registry("protocol")
+PROTOCOLS: Registry[type[Protocol]] = Registry("protocol", group="coopsim.protocols")
+"""Protocols by name. Installed packages add theirs through the entry-point group `coopsim.protocols`."""
 
 
 @PROTOCOLS.register("coopsim")

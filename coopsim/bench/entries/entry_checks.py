@@ -13,6 +13,7 @@ from coopsim.bench.entries.entry_folder import CARD, HEADINGS, OURS, EntryFolder
 from coopsim.bench.entries.fixed_run import SCORED, WARM_UP, FixedRun, differences, needs_of
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.errors import CoopsimError, LeaderboardEntryError
+from coopsim.interfaces.conformance import CONFORMANCE
 from coopsim.support.printable import printable
 from coopsim.support.rng import fresh_seed, stream
 
@@ -119,12 +120,10 @@ def _names(scores: Mapping[str, Any]) -> list[str]:
 
 
 def _conformance(entry: EntryFolder, isolation: Isolation) -> Iterator[str]:
-    from coopsim.testing import check_policy  # which plays episodes, and so stands on this room
-
     try:
         with work_folder() as place, ExitStack() as stack:
             spec = entry.copy_to(place / "entry").spec()
-            check_policy(lambda: stack.enter_context(isolation.policy(spec)))
+            CONFORMANCE.get("policy")(lambda: stack.enter_context(isolation.policy(spec)))
     except (AssertionError, CoopsimError) as error:
         yield _line(error).replace("<lambda>", entry.policy)
 

@@ -11,11 +11,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from coopsim.attacks.attack_option import spell_attacks
 from coopsim.catalog import is_recordings_folder, is_scenario_file, scenario_file_options
 from coopsim.config.load import read_mapping
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
+from coopsim.interfaces.attack_option import spell_attacks
 from coopsim.support.checks import require_count, require_non_negative, require_number, require_probability
 from coopsim.support.printable import require_printable
 

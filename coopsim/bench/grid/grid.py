@@ -8,12 +8,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
-from coopsim.attacks.attack_option import spell_attacks
 from coopsim.bench.grid.cell import Cell, Condition
 from coopsim.bench.grid.policies import PROCESSOR, detector_on, name_all, policy_on, require_device
 from coopsim.bench.store.fingerprint import plain_options
 from coopsim.catalog import PolicySpec
 from coopsim.errors import InvalidValueError
+from coopsim.interfaces.attack_option import spell_attacks
 from coopsim.support.checks import (
     MOST_RUNS,
     as_runs,

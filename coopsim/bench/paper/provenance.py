@@ -228,7 +228,7 @@ def _recipe(name: str) -> dict[str, Any]:
 def _own_places(name: str) -> TrainingPlaces:
     """Return the places that the card of weights names itself."""
     from coopsim.learn.clips.world_recipe import WorldRecipe
-    from coopsim.world.towns.scenarios import TOWN
+    from coopsim.world.drawn_places import TOWN
 
     recipe = _recipe(name)
     if not recipe or recipe.get("kind") in _OF_RECORDINGS:

@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from coopsim.attacks.attack_option import attacks_by_agent
 from coopsim.bench.grid.cell import Cell, CellResult
 from coopsim.bench.report.clips import RunCell, changed_since, pairs_in_time
 from coopsim.bench.report.scene import Film
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
+from coopsim.interfaces.attack_option import attacks_by_agent
 from coopsim.metrics.built_in import less_is_better
 from coopsim.metrics.deception_log import near
 from coopsim.types import NS_PER_S

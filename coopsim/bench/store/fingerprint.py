@@ -17,13 +17,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import coopsim
-from coopsim.attacks.attack_option import attacks_by_agent
 from coopsim.bench.grid.cell import Cell, scenario_options
 from coopsim.bench.grid.policies import arithmetic_of
 from coopsim.catalog import SCENARIO_SUFFIXES, PolicySpec, is_recordings_folder
 from coopsim.config.spec import parse_spec
 from coopsim.config.yaml_file import path_from, read_yaml
 from coopsim.errors import InvalidValueError
+from coopsim.interfaces.attack_option import attacks_by_agent
 from coopsim.metrics.built_in import recorders_read
 from coopsim.support.registrations import added_parts
 from coopsim.support.user_code import modules_beside

@@ -169,24 +169,11 @@ def _report(message: Message, decoded: DecodeOnce) -> Report:
     return Report(message.captured_ns, place, position, found.score)
 
 
-SELECTIONS: Registry[Callable[..., Selection]] = Registry("selection")
+SELECTIONS: Registry[Callable[..., Selection]] = Registry("selection", home="coopsim.comms.uplinks.learned_selection")
 """Rankings by name, for the option `selection`; each is made with an agent's random stream and a spec's parameters."""
 SELECTIONS.register("need")(ByNeed)
 SELECTIONS.register("score")(ByScore)
 SELECTIONS.register("random")(AtRandom)
-
-
-@SELECTIONS.register("learned")
-def learned(rng: np.random.Generator, weights: str = "what_to_say") -> Selection:
-    """Rank by what a network expects the others to gain; see `coopsim.comms.uplinks.learned_selection`.
-
-    Raises:
-        MissingDependencyError: torch is not installed.
-        InvalidValueError, UnknownNameError: there are no such weights.
-    """
-    from coopsim.comms.uplinks.learned_selection import Learned
-
-    return Learned(rng, weights)
 
 
 def make_selection(spec: object, rng: np.random.Generator) -> Selection:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from coopsim.comms.uplinks.budget import Listening, Report
+from coopsim.comms.uplinks.budget import SELECTIONS, Listening, Report
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Mask, Observation
 
@@ -15,6 +15,7 @@ _UNIT_M = 50.0  # of distances
 _LENGTH_M = 5.0  # of objects
 
 
+@SELECTIONS.register("learned")
 class Learned(Listening):
     """The objects first by which the other agents are expected to gain most, on average over these agents.
 
@@ -31,7 +32,7 @@ class Learned(Listening):
         InvalidValueError: the weights are broken.
     """
 
-    def __init__(self, rng: np.random.Generator, weights: str | Path) -> None:
+    def __init__(self, rng: np.random.Generator, weights: str | Path = "what_to_say") -> None:
         super().__init__(rng)
         importlib.import_module("coopsim.nn")  # names the extra, where torch is missing
         from coopsim.learn.weights import load_ranking

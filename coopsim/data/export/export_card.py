@@ -18,10 +18,10 @@ from PIL import Image
 
 from coopsim.data.export.export_frame import ExportAgent, ExportFrame, ExportPlan
 from coopsim.data.export.folder_checks import SUMS, Problem, check_sums, files_below, write_sums
-from coopsim.data.files.pictures import encode_png
 from coopsim.errors import ExportError, InvalidValueError
 from coopsim.support.arrays import runs_of
 from coopsim.support.files import LOCK, WrittenFiles, write_durably, write_whole
+from coopsim.support.pictures import encode_png
 from coopsim.viz.bev import BevFrame, BevRenderer
 from coopsim.world.snapshot import Actors, RoadMap
 

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim import __version__
 from coopsim.catalog import is_scenario_file, parallel_env
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, Floats
@@ -33,6 +32,7 @@ from coopsim.types import (
     PoseEstimate,
     Sweep,
 )
+from coopsim.version import __version__
 from coopsim.world.snapshot import AgentBody, RoadMap
 
 if TYPE_CHECKING:

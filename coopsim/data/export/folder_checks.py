@@ -35,7 +35,7 @@ class Problem:
 def check_by_reading(folder: Path, name: str) -> Iterator[Problem]:
     """Yield the faults at which the reader of recordings of format `name` stops, each once, one a frame at most."""
     # The readers are loaded when something is checked: writing needs none.
-    from coopsim.data.recordings.find_format import open_folder
+    from coopsim.recordings.formats import open_folder
 
     try:
         opened = open_folder(folder, name=name)

@@ -12,7 +12,6 @@ from coopsim.data.export.export_format import EXPORT_FORMATS, ExportFormat, Line
 from coopsim.data.export.export_frame import ExportAgent, ExportFrame, ExportPlan, LidarScan
 from coopsim.data.export.seen_share import occlusion_levels
 from coopsim.data.files.pcd import encode_float_points
-from coopsim.data.files.pictures import encode_png
 from coopsim.data.kitti import AXES_SE3_CAMERA
 from coopsim.data.single_car.kitti_tracking_folder import EARTH_M
 from coopsim.errors import InvalidValueError
@@ -20,6 +19,7 @@ from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.sensors.camera.projection import rectangles
 from coopsim.support.checks import require_choice
 from coopsim.support.files import make_folder, write_whole, write_whole_bytes
+from coopsim.support.pictures import encode_png
 from coopsim.types import NS_PER_S, AgentSpec, CameraCalibration, ObjectClass
 
 _SIZE, _FOCAL_PX, _MIDDLE_PX = (375, 1242), 721.5377, (609.5593, 172.854)

@@ -24,11 +24,11 @@ from coopsim.data.export.nuscenes_records import (
 )
 from coopsim.data.export.record_parts import RecordParts, as_line, token
 from coopsim.data.files.pcd import read_float_points
-from coopsim.data.files.pictures import encode_png, opened_picture
 from coopsim.data.recordings.file_fields import read_json
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.support.checks import require_choice, require_positive
 from coopsim.support.files import make_folder, write_whole, write_whole_bytes
+from coopsim.support.pictures import encode_png, opened_picture
 from coopsim.types import AgentSpec
 
 GROWING = ("scene", "log", "sample", "sample_data", "sample_annotation", "instance", "calibrated_sensor", "ego_pose")

@@ -11,8 +11,8 @@ from coopsim.data.export.export_frame import ExportAgent, ExportFrame
 from coopsim.data.export.record_parts import FIRST_US, token
 from coopsim.data.export.seen_share import FREE_SHARE, seen_shares
 from coopsim.data.files.pcd import encode_float_points
-from coopsim.data.files.pictures import encode_jpeg
 from coopsim.geometry.se3 import SE3, Floats
+from coopsim.support.pictures import encode_jpeg
 from coopsim.types import ObjectClass
 
 VERSION, SPLIT = "v1.0-coopsim", "all"

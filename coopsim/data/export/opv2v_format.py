@@ -12,11 +12,11 @@ from coopsim.data.export.export_format import EXPORT_FORMATS, ExportFormat, requ
 from coopsim.data.export.export_frame import CameraShot, ExportAgent, ExportFrame, ExportPlan, LidarScan
 from coopsim.data.files.carla_axes import CAMERA_SE3_BODY, mirror, mirror_transform, to_carla_pose
 from coopsim.data.files.pcd import encode_rgb_pcd
-from coopsim.data.files.pictures import encode_png
 from coopsim.data.recordings.opv2v_folder import EXTRA_NUMBER
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.sensors.lidar.returns import count_instances
 from coopsim.support.files import make_folder, write_whole, write_whole_bytes
+from coopsim.support.pictures import encode_png
 from coopsim.types import CLASS_NAMES, AgentSpec, ObjectClass
 from coopsim.types.taxonomy import Superclass
 

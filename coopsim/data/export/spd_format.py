@@ -15,13 +15,13 @@ from coopsim.data.export.kitti_format import front_camera
 from coopsim.data.export.record_parts import FIRST_US, RecordParts, as_line, token
 from coopsim.data.export.seen_share import occlusion_levels
 from coopsim.data.files.pcd import encode_intensity_pcd
-from coopsim.data.files.pictures import encode_jpeg
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, wrap_angle
 from coopsim.sensors.camera.projection import rectangles
 from coopsim.support.checks import require_choice
 from coopsim.support.files import make_folder, write_whole, write_whole_bytes
+from coopsim.support.pictures import encode_jpeg
 from coopsim.types import AgentSpec, Ints, Mask, ObjectClass
 
 SPD_TYPES = {

@@ -1,5 +1,5 @@
-"""Recordings of others: folders come in, frames with sweeps, poses, labels and pictures go out, read when asked for.
+"""Data sets of several agents with sweeps, one format a file; their interface is `coopsim.recordings`."""
 
-Start reading in `recorded_folder`, the interface; `find_format` chooses its subclass, of which each format is a file;
-`recorded_scene` makes frames look as those of the simulation.
-"""
+from coopsim.support.moved import moved
+
+moved(f"{__name__}.find_format", "coopsim.recordings.formats")

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.data.recordings.file_fields import Fields
-from coopsim.data.recordings.recorded_folder import RecordedObjects
 from coopsim.errors import RecordingError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
+from coopsim.recordings.recorded_folder import RecordedObjects
 from coopsim.types import Ints, Sweep
 from coopsim.types.taxonomy import ObjectClass
 
@@ -51,10 +51,6 @@ _NO_OBJECTS = (
 )
 """Types of labels that are no road users of ours, or not known."""
 
-
-UNRELATED_S = 0.5
-"""Time between frames that are no film, as of KITTI's object benchmark: beyond the 0.25 s within which networks join
-sweeps."""
 
 _IDS_OF_FRAME = 10_000  # more objects than any frame has
 

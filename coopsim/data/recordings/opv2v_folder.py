@@ -28,7 +28,16 @@ from coopsim.data.files.carla_axes import CAMERA_SE3_BODY, from_carla_pose, mirr
 from coopsim.data.files.pcd import read_pcd
 from coopsim.data.recordings.file_fields import Fields, as_id, read_tagged_yaml
 from coopsim.data.recordings.labelled_rows import LabelledRows, base_under, class_of, join_objects, sweep_in_base
-from coopsim.data.recordings.recorded_folder import (
+from coopsim.data.recordings.stamped_folders import (
+    HEIGHT_M,
+    StampedFolder,
+    StampedScenario,
+    StampedSequence,
+    has_tables_of_poses,
+)
+from coopsim.geometry.se3 import SE3
+from coopsim.recordings.formats import RECORDINGS
+from coopsim.recordings.recorded_folder import (
     RecordedAgent,
     RecordedFrame,
     RecordedName,
@@ -37,8 +46,6 @@ from coopsim.data.recordings.recorded_folder import (
     find_picture,
     name_agents,
 )
-from coopsim.data.recordings.stamped_folders import HEIGHT_M, StampedFolder, StampedScenario, StampedSequence
-from coopsim.geometry.se3 import SE3
 from coopsim.types import NS_PER_S, Sweep, seconds_to_ns
 
 EXTRA_NUMBER = 900_000
@@ -50,9 +57,16 @@ _UNDER_M = (0.5, 300.0)  # a position of the agent is on the ground if the LiDAR
 _BESIDE_M = 5.0  # and so near
 
 
+@RECORDINGS.register("opv2v")
 @dataclass(frozen=True)
 class Opv2vFolder(StampedFolder):
     """A folder of OPV2V: a scenario, a split, or all of it."""
+
+    layout = "<scenario>/<agent id>/<time stamp>.yaml with .pcd (OPV2V, V2XSet, V2V4Real)"
+
+    @classmethod
+    def found_in(cls, path: Path) -> bool:
+        return has_tables_of_poses(path) is False
 
     @cached_property
     def frame_s(self) -> float:

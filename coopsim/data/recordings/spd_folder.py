@@ -26,7 +26,10 @@ import numpy as np
 from coopsim.data.files.pcd import read_pcd
 from coopsim.data.recordings.file_fields import Fields, as_id, read_json
 from coopsim.data.recordings.labelled_rows import LabelledRows, base_under, class_of, sweep_in_base
-from coopsim.data.recordings.recorded_folder import (
+from coopsim.errors import RecordingError
+from coopsim.geometry.se3 import SE3
+from coopsim.recordings.formats import RECORDINGS
+from coopsim.recordings.recorded_folder import (
     ReadingOptions,
     RecordedAgent,
     RecordedFolder,
@@ -38,8 +41,6 @@ from coopsim.data.recordings.recorded_folder import (
     find_picture,
     name_agents,
 )
-from coopsim.errors import RecordingError
-from coopsim.geometry.se3 import SE3
 from coopsim.types import Sweep
 
 HEIGHT_M = {"cav": 1.7, "rsu": 1.7}
@@ -69,11 +70,18 @@ class SpdFrame:
     files: Mapping[str, str]
 
 
+@RECORDINGS.register("spd")
 @dataclass(frozen=True)
 class SpdFolder(RecordedFolder):
     """A folder of V2X-Seq-SPD."""
 
+    layout = "cooperative/data_info.json with vehicle-side/ and infrastructure-side/ (V2X-Seq-SPD)"
+    asked = 10
     usual_height_m = HEIGHT_M
+
+    @classmethod
+    def found_in(cls, path: Path) -> bool:
+        return (path / "cooperative" / "data_info.json").is_file()
 
     @cached_property
     def pairs(self) -> dict[str, list[tuple[SpdFrame, SpdFrame]]]:

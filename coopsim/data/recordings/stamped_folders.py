@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from coopsim.data.recordings.file_fields import as_id
-from coopsim.data.recordings.recorded_folder import ReadingOptions, RecordedFolder, RecordedSequence
+from coopsim.data.recordings.file_fields import as_id, read_tagged_yaml
 from coopsim.errors import RecordingError
+from coopsim.recordings.recorded_folder import ReadingOptions, RecordedFolder, RecordedSequence
 from coopsim.support.checks import require_choice
 
 HEIGHT_M = {"cav": 1.9, "rsu": 4.27}
@@ -113,6 +113,15 @@ def find_scenarios(path: Path) -> dict[str, StampedScenario]:
         name = path.name if place == path else place.relative_to(path).as_posix()
         found[name or "scenario"] = StampedScenario(name, place)
     return found
+
+
+def has_tables_of_poses(path: Path) -> bool | None:
+    """Return whether the poses in a folder's first frame are tables (4, 4), as V2V4Real's; None: it has no scenario."""
+    scenarios = find_scenarios(path)
+    if not scenarios:
+        return None
+    frame = read_tagged_yaml(next(iter(scenarios.values())).first_frame())
+    return frame.numbers("lidar_pose", (6,), (4, 4)).ndim == 2
 
 
 def _scenario_folders(path: Path, deeper: int) -> Iterator[Path]:

@@ -22,24 +22,32 @@ import numpy as np
 from coopsim.data.files.pcd import read_pcd
 from coopsim.data.recordings.file_fields import Fields, as_id, read_tagged_yaml
 from coopsim.data.recordings.labelled_rows import LabelledRows, base_under, class_of, join_objects, sweep_in_base
-from coopsim.data.recordings.recorded_folder import (
+from coopsim.data.recordings.stamped_folders import HEIGHT_M, StampedFolder, StampedSequence, has_tables_of_poses
+from coopsim.geometry.se3 import SE3
+from coopsim.recordings.formats import RECORDINGS
+from coopsim.recordings.recorded_folder import (
     RecordedAgent,
     RecordedFrame,
     RecordedName,
     RecordedObjects,
     name_agents,
 )
-from coopsim.data.recordings.stamped_folders import HEIGHT_M, StampedFolder, StampedSequence
-from coopsim.geometry.se3 import SE3
 from coopsim.types import Sweep, seconds_to_ns
 
 _OF_ONE_CAR = 100  # ids that each car has for itself
 _NOBODY = -1
 
 
+@RECORDINGS.register("v2v4real")
 @dataclass(frozen=True)
 class V2v4realFolder(StampedFolder):
     """A folder of V2V4Real: a scenario, a split, or all of it."""
+
+    layout = "<scenario>/<agent id>/<time stamp>.yaml with .pcd (OPV2V, V2XSet, V2V4Real)"
+
+    @classmethod
+    def found_in(cls, path: Path) -> bool:
+        return has_tables_of_poses(path) is True
 
     def agents(self, sequence: str) -> Mapping[str, RecordedName]:
         return name_agents(*self.scenarios[sequence].agents)

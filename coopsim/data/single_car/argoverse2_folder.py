@@ -25,7 +25,11 @@ from numpy.typing import NDArray
 from coopsim.data.files.feather import read_feather
 from coopsim.data.recordings.file_fields import pose_of_quaternion
 from coopsim.data.recordings.labelled_rows import LabelledRows, base_under, class_named, sweep_in_base
-from coopsim.data.recordings.recorded_folder import (
+from coopsim.errors import InvalidValueError, RecordingError
+from coopsim.geometry.boxes import covers
+from coopsim.geometry.se3 import SE3, Floats
+from coopsim.recordings.formats import RECORDINGS
+from coopsim.recordings.recorded_folder import (
     CAR,
     RecordedAgent,
     RecordedFrame,
@@ -33,9 +37,6 @@ from coopsim.data.recordings.recorded_folder import (
     RecordedSequence,
     SingleCarFolder,
 )
-from coopsim.errors import InvalidValueError, RecordingError
-from coopsim.geometry.boxes import covers
-from coopsim.geometry.se3 import SE3, Floats
 from coopsim.types import Ints, Sweep
 
 AXLE_M = 0.33
@@ -65,11 +66,18 @@ def find_logs(path: Path, deeper: int = _DEEPEST) -> Iterator[Path]:
                 yield from find_logs(entry, deeper - 1)
 
 
+@RECORDINGS.register("argoverse2")
 @dataclass(frozen=True)
 class Argoverse2Folder(SingleCarFolder):
     """A folder of Argoverse 2."""
 
+    layout = "<log>/sensors/lidar/<ns>.feather with annotations.feather (Argoverse 2)"
+    asked = 70
     usual_height_m = HEIGHT_M
+
+    @classmethod
+    def found_in(cls, path: Path) -> bool:
+        return next(find_logs(path), None) is not None
 
     @cached_property
     def logs(self) -> Mapping[str, Path]:

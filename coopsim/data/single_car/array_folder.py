@@ -33,9 +33,14 @@ from numpy.typing import NDArray
 
 from coopsim.data.files.pcd import read_float_points
 from coopsim.data.recordings.file_fields import Fields
-from coopsim.data.recordings.labelled_rows import UNRELATED_S, LabelledRows, class_named, ids_of_frame, sweep_in_base
-from coopsim.data.recordings.recorded_folder import (
+from coopsim.data.recordings.labelled_rows import LabelledRows, class_named, ids_of_frame, sweep_in_base
+from coopsim.errors import RecordingError
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import SE3, Floats
+from coopsim.recordings.formats import RECORDINGS
+from coopsim.recordings.recorded_folder import (
     IN_PICTURE,
+    UNRELATED_S,
     ReadingOptions,
     RecordedAgent,
     RecordedFrame,
@@ -43,9 +48,6 @@ from coopsim.data.recordings.recorded_folder import (
     RecordedSequence,
     SingleCarFolder,
 )
-from coopsim.errors import RecordingError
-from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.plain_arrays import read_npy, read_npz
 from coopsim.types import Ints, Sweep, seconds_to_ns
 
@@ -65,13 +67,23 @@ _LABELS = ("boxes", "names")
 _OPTIONAL = ("ids", "fov_deg", "pose", "time_s", "doubtful")
 
 
+@RECORDINGS.register("arrays")
 @dataclass(frozen=True)
 class ArrayFolder(SingleCarFolder):
     """A folder of plain arrays."""
 
+    layout = "<sequence>_<number>.npz, or points/<frame>.npy with labels/ (arrays)"
+    asked = 40
     usual_height_m = HEIGHT_M
     usual_frame_s = UNRELATED_S
     stands_alone = True
+
+    @classmethod
+    def found_in(cls, path: Path) -> bool:
+        if (path / POINTS).is_dir():
+            return True
+        of_text = any((path / name).is_dir() for name in ("labels", "detections"))
+        return not of_text and next(path.glob("*.npz"), None) is not None
 
     @cached_property
     def files(self) -> Mapping[str, tuple[Path, ...]]:

@@ -15,15 +15,15 @@ from coopsim.data.files.pcd import read_float_points
 from coopsim.data.kitti import AXES_SE3_CAMERA
 from coopsim.data.recordings.file_fields import Fields
 from coopsim.data.recordings.labelled_rows import LabelledRows, base_under, sweep_in_base
-from coopsim.data.recordings.recorded_folder import (
+from coopsim.errors import RecordingError
+from coopsim.geometry.se3 import SE3, Floats
+from coopsim.recordings.recorded_folder import (
     RecordedAgent,
     RecordedObjects,
     RecordedPicture,
     find_picture,
     picture_size,
 )
-from coopsim.errors import RecordingError
-from coopsim.geometry.se3 import SE3, Floats
 from coopsim.types import Sweep
 
 HEIGHT_M = {"cav": 1.73}
@@ -36,6 +36,11 @@ CAMERA = "image_02"
 """Name of the left colour camera."""
 
 _USUAL_SIZE = 375, 1242  # of a picture, where there is none
+
+
+def has_clouds_and(path: Path, labels: str) -> bool:
+    """Return whether a folder, or `training` in it, has clouds and this folder of labels."""
+    return any((place / CLOUDS).is_dir() and (place / labels).is_dir() for place in (path, path / "training"))
 
 
 def root_of(path: Path) -> Path:

@@ -18,36 +18,46 @@ from functools import cached_property
 from pathlib import Path
 
 from coopsim.data.kitti import read_object_labels
-from coopsim.data.recordings.labelled_rows import UNRELATED_S, ids_of_frame
-from coopsim.data.recordings.recorded_folder import (
-    IN_PICTURE,
-    RecordedFrame,
-    RecordedObjects,
-    RecordedSequence,
-    SingleCarFolder,
-)
+from coopsim.data.recordings.labelled_rows import ids_of_frame
 from coopsim.data.single_car.kitti_calibration import (
     CLOUDS,
     HEIGHT_M,
     KittiFrame,
     frame_number,
+    has_clouds_and,
     lifted,
     read_kitti_calibration,
     root_of,
 )
 from coopsim.errors import RecordingError
+from coopsim.recordings.formats import RECORDINGS
+from coopsim.recordings.recorded_folder import (
+    IN_PICTURE,
+    UNRELATED_S,
+    RecordedFrame,
+    RecordedObjects,
+    RecordedSequence,
+    SingleCarFolder,
+)
 from coopsim.types import seconds_to_ns
 
 LABELS = "label_2"
 
 
+@RECORDINGS.register("kitti_object")
 @dataclass(frozen=True)
 class KittiObjectFolder(SingleCarFolder):
     """A folder of KITTI's object benchmark: `training`, or the one above."""
 
+    layout = "velodyne/<frame>.bin with label_2/ and calib/ (KITTI object)"
+    asked = 21
     usual_height_m = HEIGHT_M
     usual_frame_s = UNRELATED_S
     stands_alone = True
+
+    @classmethod
+    def found_in(cls, path: Path) -> bool:
+        return has_clouds_and(path, LABELS)
 
     @cached_property
     def root(self) -> Path:

@@ -22,13 +22,6 @@ import numpy as np
 
 from coopsim.data.kitti import read_labels
 from coopsim.data.recordings.labelled_rows import base_under
-from coopsim.data.recordings.recorded_folder import (
-    IN_PICTURE,
-    RecordedFrame,
-    RecordedObjects,
-    RecordedSequence,
-    SingleCarFolder,
-)
 from coopsim.data.single_car.kitti_calibration import (
     CAMERA,
     CLOUDS,
@@ -36,13 +29,24 @@ from coopsim.data.single_car.kitti_calibration import (
     KittiCalibration,
     KittiFrame,
     frame_number,
+    has_clouds_and,
     lifted,
     read_kitti_calibration,
     root_of,
 )
 from coopsim.errors import RecordingError
 from coopsim.geometry.se3 import SE3, Floats
+from coopsim.recordings.formats import RECORDINGS
+from coopsim.recordings.recorded_folder import (
+    IN_PICTURE,
+    RecordedFrame,
+    RecordedObjects,
+    RecordedSequence,
+    SingleCarFolder,
+)
 from coopsim.types import Ints, seconds_to_ns
+
+LABELS = "label_02"
 
 EARTH_M = 6378137.0
 """Radius of the sphere on which latitudes and longitudes are projected."""
@@ -103,12 +107,19 @@ def _turn(roll: float, pitch: float, yaw: float) -> Floats:
     )
 
 
+@RECORDINGS.register("kitti")
 @dataclass(frozen=True)
 class KittiTrackingFolder(SingleCarFolder):
     """A folder of KITTI tracking: `training`, or the one above."""
 
+    layout = "velodyne/<sequence>/<frame>.bin with label_02/ (KITTI tracking)"
+    asked = 20
     usual_height_m = HEIGHT_M
     stands_alone = True
+
+    @classmethod
+    def found_in(cls, path: Path) -> bool:
+        return has_clouds_and(path, LABELS)
 
     @cached_property
     def root(self) -> Path:
@@ -191,7 +202,7 @@ class KittiTrackingSequence(RecordedSequence):
     @cached_property
     def _labels(self) -> tuple[Ints, RecordedObjects]:
         """The frames (N,) of all labels, and the labels in our axes of the rectified camera's frame."""
-        path = self.root / "label_02" / f"{self.name}.txt"
+        path = self.root / LABELS / f"{self.name}.txt"
         if not path.is_file():
             raise RecordingError(f"no file {path}: it has the labels")
         frame, ids, boxes, label, _ = read_labels(path)

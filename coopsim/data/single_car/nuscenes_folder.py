@@ -23,7 +23,11 @@ import numpy as np
 from coopsim.data.files.pcd import read_float_points
 from coopsim.data.recordings.file_fields import Fields
 from coopsim.data.recordings.labelled_rows import LabelledRows, base_under, class_of, sweep_in_base
-from coopsim.data.recordings.recorded_folder import (
+from coopsim.data.single_car.nuscenes_tables import LIDAR, NuscenesTables, find_tables, time_us
+from coopsim.errors import RecordingError
+from coopsim.geometry.se3 import SE3
+from coopsim.recordings.formats import RECORDINGS
+from coopsim.recordings.recorded_folder import (
     RecordedAgent,
     RecordedFrame,
     RecordedObjects,
@@ -32,9 +36,6 @@ from coopsim.data.recordings.recorded_folder import (
     SingleCarFolder,
     find_picture,
 )
-from coopsim.data.single_car.nuscenes_tables import LIDAR, NuscenesTables, find_tables, time_us
-from coopsim.errors import RecordingError
-from coopsim.geometry.se3 import SE3
 from coopsim.types import Sweep
 
 HEIGHT_M = {"cav": 1.84}
@@ -44,12 +45,19 @@ _FULL_INTENSITY = 255.0
 _NS_PER_US = 1000
 
 
+@RECORDINGS.register("nuscenes")
 @dataclass(frozen=True)
 class NuscenesFolder(SingleCarFolder):
     """A folder of nuScenes, or the folder of its tables."""
 
+    layout = "v1.0-<version>/scene.json with samples/ (nuScenes)"
+    asked = 30
     usual_height_m = HEIGHT_M
     usual_frame_s = 0.5
+
+    @classmethod
+    def found_in(cls, path: Path) -> bool:
+        return bool(find_tables(path))
 
     @cached_property
     def tables(self) -> NuscenesTables:

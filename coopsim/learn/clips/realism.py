@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -21,12 +20,7 @@ from coopsim.support.kernels import njit
 from coopsim.support.rng import stream, uniform_numbers
 from coopsim.types import Ints, Mask
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.furniture.free_ground import GROUND, are_free, obstacles_of
-from coopsim.world.furniture.furnish import furnishing_parts
-from coopsim.world.furniture.kinds import KINDS
-from coopsim.world.models.parts import GLASS
-from coopsim.world.places.description import MapFurniture, point_of
-from coopsim.world.places.layout import Layout
+from coopsim.world.models.surfaces import GLASS
 from coopsim.world.snapshot import Actors
 
 # Firings per revolution: HDL-64E at 10 Hz, 0.1728 degrees apart (Geiger et al., IJRR 2013); HDL-32E at 20 Hz
@@ -70,11 +64,6 @@ _ON_FOOT, _EACH_PERSON, _EACH_OTHER = (
     (0.25, 0.25, 0.06),
     (0.05, 0.04, 0.05),
 )
-
-# Real streets have several times as many small things as drawn ones, by the clusters that the page counts.
-_SMALL = ("bollard", "marker", "hydrant", "sign", "bin", "mailbox", "cabinet", "planter", "heap", "bush", "bush")
-_LEAST_M, _LARGEST = 0.6, {"height_m": 3.0, "width_m": 2.0}
-_PIECES_PER_M, _BESIDE_M, _PIECE_M, _LONGEST_M = (0.0, 0.8), (0.6, 12.0), 0.4, 500.0
 
 
 class Ground:
@@ -184,36 +173,6 @@ def _heights(table: Singles, xy: Floats, per_m: float) -> Floats:
         high = table[i, m] * (1 - u) + table[k, m] * u
         heights[n] = low * (1 - v) + high * v
     return heights
-
-
-def cluttered(layout: Layout, rng: np.random.Generator) -> Layout:
-    """Return a layout with more small things beside its roads, where nothing stands, drives or walks."""
-    lanes = list(layout.network.lanes.values())
-    length_m = np.array([lane.length for lane in lanes]).clip(max=_LONGEST_M)
-    count = int(rng.uniform(*_PIECES_PER_M) * length_m.sum())
-    chosen = rng.choice(len(lanes), count, p=length_m / length_m.sum())
-    side = rng.choice((-1.0, 1.0), count)
-    spots = np.array(
-        [
-            lanes[k].position(rng.random() * length_m[k], left * (lanes[k].width / 2 + rng.uniform(*_BESIDE_M)))
-            for k, left in zip(chosen, side, strict=True)
-        ]
-    ).reshape(-1, 2)
-    area = np.stack([spots.min(axis=0), spots.max(axis=0)]) if count else np.zeros((2, 2))
-    spots = spots[are_free(spots, _PIECE_M, GROUND, obstacles_of(layout, area))]
-    heights = None if layout.relief is None else layout.relief.heights
-    pieces = furnishing_parts([_piece(spot, rng) for spot in spots], heights)
-    return replace(layout, furnishing=(*layout.furnishing, *pieces))
-
-
-def _piece(spot: Floats, rng: np.random.Generator) -> MapFurniture:
-    """Draw a piece of furniture, with sizes of which there are few, so that most pieces share a mesh."""
-    kind = _SMALL[int(rng.integers(len(_SMALL)))]
-    sizes: dict[str, Any] = {
-        name: float(np.round(rng.uniform(max(size.least, _LEAST_M), min(size.most, _LARGEST[name])), 1))
-        for name, size in KINDS[kind].sizes.items()
-    }
-    return MapFurniture(kind, point_of(spot), float(rng.uniform(0.0, 360.0)), **sizes)
 
 
 def realistic_lidar(lidar: LidarConfig, rng: np.random.Generator) -> LidarConfig:

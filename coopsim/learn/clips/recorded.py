@@ -8,12 +8,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from coopsim.data.recordings.find_format import open_folder
-from coopsim.data.recordings.recorded_folder import RecordedFolder, RecordedSequence
-from coopsim.data.recordings.recorded_scene import RecordedScenes, returns_of
 from coopsim.learn.clips.arrays import MOST_M, round_points
 from coopsim.learn.clips.clip import AgentScene, Clip, ClipSource, Scene
 from coopsim.localization.localizer import LocalizationConfig, Localizer
+from coopsim.recordings.formats import open_folder
+from coopsim.recordings.recorded_folder import RecordedFolder, RecordedSequence
+from coopsim.recordings.recorded_scene import RecordedScenes, returns_of
 from coopsim.support.checks import require_count
 from coopsim.support.rng import require_seed, stream
 from coopsim.types import Sweep, stack_xyz_yaw

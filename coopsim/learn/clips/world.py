@@ -11,7 +11,7 @@ import numpy as np
 
 from coopsim.catalog import is_scenario_file, scenario_file_options, scenario_of_file
 from coopsim.errors import InvalidValueError
-from coopsim.learn.clips.realism import Realism, cluttered, draw_realism, realistic_lidar
+from coopsim.learn.clips.realism import Realism, draw_realism, realistic_lidar
 from coopsim.learn.clips.sensor_ranges import SensorRanges
 from coopsim.learn.clips.world_recipe import WorldRecipe
 from coopsim.sensors.camera.camera import Camera, Rig, rig
@@ -19,9 +19,9 @@ from coopsim.sensors.camera.intrinsics import Coefficients, Intrinsics, distort
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.weather import Weather
 from coopsim.support.rng import stream
+from coopsim.world.drawn_places import TOWN, TOWN_KEYS, choose_scenarios
 from coopsim.world.population import drop_overridden
-from coopsim.world.scenario import NUMBERS, Scenario
-from coopsim.world.towns.scenarios import TOWN, TOWN_KEYS, choose_scenarios
+from coopsim.world.scenario import FURNISHINGS, NUMBERS, Scenario
 
 _LONGEST_SEED = 2**62
 _LEAST_ABOVE_M = 0.15  # of a LiDAR over a roof that is higher than the LiDAR was drawn to be
@@ -92,7 +92,7 @@ def draw_world(recipe: WorldRecipe, seed: int, index: int) -> ClipWorld:
     scenario = _scenario(environment, place_seed, recipe, rng("population"), rng("agents"), detail)
     realism, mount_m, sees_carrier = None, None, False
     if is_real:
-        scenario = replace(scenario, layout=cluttered(scenario.layout, rng("clutter")))
+        scenario = replace(scenario, layout=FURNISHINGS.get("clutter")(scenario.layout, rng("clutter")))
         ranges = recipe.sensors or SensorRanges()
         lidar = ranges.built(realistic_lidar(lidar, rng("lidar as built")), rng)
         realism = draw_realism(seed, index, ranges.draw("grade", rng), ranges.draw("roughness_m3", rng))

@@ -24,9 +24,9 @@ from coopsim.support.checks import (
     require_positive,
     require_probability,
 )
+from coopsim.world.drawn_options import TownOptions
+from coopsim.world.drawn_places import TOWN
 from coopsim.world.scenario import SCENARIOS
-from coopsim.world.towns.options import TownOptions
-from coopsim.world.towns.scenarios import TOWN
 
 _COUNTS = ("cars", "masts", "drones", "buses")
 _RANGES = {

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import torch
 
-import coopsim
 from coopsim.errors import InvalidValueError
 from coopsim.learn.recipe import RECIPES, TrainingRecipe, find_recipe
 from coopsim.nn.inference.backend import numbers_on
 from coopsim.support.files import write_durably, write_whole
 from coopsim.support.svg import to_svg
+from coopsim.version import __version__
 
 LOG = "log.jsonl"
 """Name of the file in a training's folder."""
@@ -160,7 +160,7 @@ def make_card(
         "threads": recipe.threads,
         "device": str(device),
         "processor": _processor(),
-        "versions": {"coopsim": coopsim.__version__, "torch": torch.__version__, "numpy": np.__version__},
+        "versions": {"coopsim": __version__, "torch": torch.__version__, "numpy": np.__version__},
         "recipe": _without_folders(recipe.as_data()),
     }
 

@@ -11,15 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.data.recordings.find_format import open_folder
-from coopsim.data.recordings.labelled_rows import UNRELATED_S
-from coopsim.data.recordings.recorded_folder import ReadingOptions, RecordedSequence
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.learn.paste.actors import PlacedActors, Stage, place_actors
 from coopsim.learn.paste.free_ground import FreeGround
 from coopsim.learn.paste.rays import SweepRays, find_sensor, rays_of
 from coopsim.learn.paste.returns import Optics, cast, match_intensities
+from coopsim.recordings.formats import open_folder
+from coopsim.recordings.recorded_folder import UNRELATED_S, ReadingOptions, RecordedSequence
 from coopsim.support.checks import require_between, require_count
 from coopsim.support.files import make_folder, write_whole_bytes
 from coopsim.support.rng import require_seed, stream

@@ -15,7 +15,7 @@ from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.lidar.returns import reflect
 from coopsim.sensors.scene import RayScene, Triangles
 from coopsim.types import Ints, Mask
-from coopsim.world.models.parts import GLASS
+from coopsim.world.models.surfaces import GLASS
 
 _MORE_LOST = 0.3  # most further share of lost returns: real vehicles return a third to a half of the rays over them
 _STANDING_M = (0.3, 2.5)

@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 
-from coopsim.data.recordings.recorded_scene import count_points_in
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.clip import AgentScene, Clip, Scene
@@ -18,6 +17,7 @@ from coopsim.localization.odometry import Points
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.detector.pillars import GroundSettings, PillarBatch, Pillars, PillarSettings, collate, pillarize
 from coopsim.nn.inference.canvas import REACH_M
+from coopsim.recordings.recorded_scene import count_points_in
 from coopsim.support.checks import require_between, require_count, require_positive, require_probability
 from coopsim.types import BevGrid, Ints
 

@@ -23,10 +23,8 @@ from coopsim.nn.queries.cooptrack_fusion import ReceivedInstances, aligned_boxes
 from coopsim.nn.queries.instances import UNNUMBERED, Instances
 from coopsim.nn.queries.query_net import LEAST_SCORE, QueryNet, SeenMap, kept_instances
 from coopsim.types import NS_PER_S, BevGrid, Detections, InstanceQueries
+from coopsim.types.features import FAST_M_S
 from coopsim.types.valid_detections import FARTHEST_M
-
-FAST_M_S = 10.0
-"""Velocities are sent in this unit, behind the features."""
 
 _LARGEST = 1e4
 

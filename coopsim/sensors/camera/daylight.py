@@ -13,7 +13,7 @@ from coopsim.sensors.weather import Weather
 from coopsim.support.arrays import frozen, require_finite
 from coopsim.support.checks import require_between, require_finite_number
 from coopsim.support.registry import Registry
-from coopsim.world.relief.surfaces import wet_albedo
+from coopsim.world.models.surfaces import wet_albedo
 
 RGB = tuple[float, float, float]
 

@@ -19,7 +19,7 @@ from coopsim.support.checks import require_between, require_non_negative, requir
 from coopsim.support.kernels import njit
 from coopsim.support.rng import require_seed, stream
 from coopsim.types import Ints, Mask
-from coopsim.world.models.parts import GLASS
+from coopsim.world.models.surfaces import GLASS
 
 MOST_TILT_RAD = 0.2
 _INSIDE_M, _INSIDE_ALBEDO = (0.2, 1.6), 0.15  # seats, people, the far doors, through two panes; assumed by us

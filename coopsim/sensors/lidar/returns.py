@@ -23,7 +23,7 @@ from coopsim.sensors.lidar.patterns import BeamPattern
 from coopsim.sensors.scene import Singles
 from coopsim.support.kernels import njit
 from coopsim.types import Ints, Sweep
-from coopsim.world.relief.surfaces import WATER_INDEX, wet_albedo
+from coopsim.world.models.surfaces import WATER_INDEX, wet_albedo
 
 CLUTTER_ID = -1
 """Instance of a return from rain or fog."""

@@ -17,11 +17,12 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import numbered
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
+from coopsim.world.models.surfaces import wet_albedo
 from coopsim.world.places.layout import ASPHALT, PAVEMENT, Layout
+from coopsim.world.places.relief import Relief, drape, laid_on
 from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork, StraightLane
 from coopsim.world.relief.kerbs import kerb_faces, pavement_tops
-from coopsim.world.relief.relief import Relief, drape, laid_on
-from coopsim.world.relief.surfaces import Hump, crown_triangles, normals_of, wet_albedo
+from coopsim.world.relief.surfaces import Hump, crown_triangles, normals_of
 from coopsim.world.snapshot import StaticPart
 
 _ROAD_REFLECTIVITY, _PAVEMENT_REFLECTIVITY = 0.18, 0.35

@@ -30,7 +30,7 @@ from coopsim.world.custom.ways import Ways, build_ways
 from coopsim.world.furniture.furnish import with_furniture
 from coopsim.world.places.description import SURFACES, PlaceDescription
 from coopsim.world.places.layout import Layout, flights_around, lane_outline, rectangle
-from coopsim.world.places.place import Place
+from coopsim.world.places.place import BUILDERS, Place
 from coopsim.world.places.road_network import RoadNetwork
 from coopsim.world.places.scenery import lane_lines, town_parts
 from coopsim.world.places.streets import RSU_HEIGHT_M
@@ -53,6 +53,9 @@ def place_from(description: PlaceDescription | Mapping[str, Any], name: str) -> 
     """
     given = description.plain if isinstance(description, PlaceDescription) else description
     return read_place(DataEntry(plain(given), "place", InvalidValueError), name)
+
+
+BUILDERS.register("described")(place_from)
 
 
 def read_place(entry: Entry, name: str) -> Place:

@@ -19,7 +19,7 @@ from coopsim.world.furniture.sides import fronts, street_sides, way_sides
 from coopsim.world.furniture.solids import Shape
 from coopsim.world.places.description import MapFurniture, MapTree, PlaceDescription
 from coopsim.world.places.layout import MARKING, Layout, flat_part
-from coopsim.world.relief.relief import laid_on
+from coopsim.world.places.relief import laid_on
 from coopsim.world.snapshot import StaticPart
 
 _AROUND_M = 60.0  # beyond the ends of lanes and ways

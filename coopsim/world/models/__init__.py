@@ -1,7 +1,7 @@
-"""Shapes of vehicles and people: built-in ones, made by code, and custom ones from meshes.
+"""Shapes of vehicles and people: meshes for each pose, with materials.
 
-Tables of sizes and parts become `Model`s: a mesh for each pose, with materials. Start in `model.py`, then `parts.py`,
-from which `cars.py`, `heavy.py`, `riders.py` and `pedestrians.py` build; `catalogue.py` has all of them.
+Start in `model.py`; `catalogue.py` has all models: the built-in ones, which `coopsim.world.shapes` makes, and custom
+ones, as from meshes.
 """
 
 from coopsim.world.models.catalogue import make_models, register_model

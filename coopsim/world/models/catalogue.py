@@ -1,8 +1,8 @@
-"""The catalogue of models: the built-in ones, and those that users register."""
+"""The catalogue of models: the built-in ones, by sets, and those that users register."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
@@ -11,15 +11,13 @@ from coopsim.errors import DuplicateNameError, InvalidValueError
 from coopsim.support.registry import Registry
 from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.models.cars import make_cars, make_vans, make_varied_cars
-from coopsim.world.models.heavy import make_buses, make_trucks, make_varied_buses, make_varied_trucks
 from coopsim.world.models.model import Model
-from coopsim.world.models.pedestrians import make_adults, make_children, make_varied_people
-from coopsim.world.models.people_at_rest import make_people_at_rest
-from coopsim.world.models.riders import make_bicycles, make_motorcycles, make_scooters, make_varied_riders
 
 CUSTOM_MODELS: Registry[Model] = Registry("model")
 """Models that users have registered."""
+
+SHAPES: Registry[Callable[[], Sequence[Model]]] = Registry("set of models", home="coopsim.world.shapes")
+"""Functions that return the built-in models: those of "plain" places, "varied" ones, and people "at_rest"."""
 
 
 def make_models(varied: bool = False, at_rest: bool = False) -> tuple[Model, ...]:
@@ -28,7 +26,7 @@ def make_models(varied: bool = False, at_rest: bool = False) -> tuple[Model, ...
     They are followed by the variants if `varied`, and then by people who stand and sit if `at_rest`.
     """
     custom = (CUSTOM_MODELS.get(name) for name in CUSTOM_MODELS)
-    return (*_built_in(), *custom, *(_variants() if varied else ()), *(_at_rest() if at_rest else ()))
+    return (*_set("plain"), *custom, *(_set("varied") if varied else ()), *(_set("at_rest") if at_rest else ()))
 
 
 def register_model(model: Model) -> Model:
@@ -40,40 +38,14 @@ def register_model(model: Model) -> Model:
     """
     if not isinstance(model, Model):
         raise InvalidValueError(f"model must be a Model, as model_from_mesh makes one, got {model!r}")
-    if any(model.name == other.name for other in (*_built_in(), *_variants(), *_at_rest())):
+    if any(model.name == other.name for name in SHAPES for other in _set(name)):
         raise DuplicateNameError(f"model {model.name!r} is built in")
     return CUSTOM_MODELS.register(model.name)(model)
 
 
 @cache
-def _built_in() -> tuple[Model, ...]:
-    return (
-        *make_cars(),
-        *make_vans(),
-        *make_trucks(),
-        *make_buses(),
-        *make_motorcycles(),
-        *make_bicycles(),
-        *make_scooters(),
-        *make_adults(),
-        *make_children(),
-    )
-
-
-@cache
-def _variants() -> tuple[Model, ...]:
-    return (
-        *make_varied_cars(),
-        *make_varied_trucks(),
-        *make_varied_buses(),
-        *make_varied_riders(),
-        *make_varied_people(),
-    )
-
-
-@cache
-def _at_rest() -> tuple[Model, ...]:
-    return tuple(make_people_at_rest())
+def _set(name: str) -> tuple[Model, ...]:
+    return tuple(SHAPES.get(name)())
 
 
 def models_of(models: Sequence[Model], label: ObjectClass, *, parked: bool = False) -> Ints:

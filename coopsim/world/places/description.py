@@ -17,13 +17,16 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between, require_count
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.places.scenery import COLORS
-from coopsim.world.relief.surfaces import HEIGHTS_M, LENGTHS_M
 
 PARKED = {label.title: label for label in ObjectClass if label not in (ObjectClass.PEDESTRIAN, ObjectClass.CHILD)}
 """Classes of vehicles that may stand in a bay, by name."""
 
 SURFACES = {"road": "lanes", "pavement": "pavements", "grass": "grass", "yard": "yards", "parking": "parking"}
 """Fields of `RoadMap` by the kinds of surfaces. Of outlines that overlap, the first kind covers the others."""
+
+
+LENGTHS_M, HEIGHTS_M = (0.9, 20.0), (0.025, 0.1)
+"""Accepted sizes: the least length, and both heights, are those of Britain's regulations of 1999."""
 
 
 def point_of(place: Floats) -> Point:

@@ -15,8 +15,8 @@ from coopsim.support.arrays import numbered
 from coopsim.types import Ints, Mask
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.model import Model
+from coopsim.world.places.relief import Relief
 from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork, StraightLane
-from coopsim.world.relief.relief import Relief
 from coopsim.world.snapshot import RoadMap, StaticPart
 
 LANE_M = 4.0

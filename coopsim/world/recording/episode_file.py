@@ -26,13 +26,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim import __version__
 from coopsim.errors import CoopsimError, InvalidValueError, RecordingError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
 from coopsim.support.checks import require_positive
 from coopsim.support.files import require_writable
 from coopsim.support.rng import require_seed
+from coopsim.version import __version__
 from coopsim.world.snapshot import Actors, AgentBody
 
 MAGIC = b"coopsim episode\n"

@@ -4,57 +4,17 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from coopsim import __version__
 from coopsim.errors import InvalidValueError, RecordingError
-from coopsim.support.checks import require_count, require_frame_time
-from coopsim.support.rng import require_seed
 from coopsim.types.driving import Command
-from coopsim.world.custom.place import place_from
+from coopsim.version import __version__
 from coopsim.world.models.model import Model
 from coopsim.world.recording.episode_file import Episode, EpisodeAgent, EpisodeHeader, EpisodeWriter
-from coopsim.world.scenario import EpisodeScenarios, Place, SameScenario, Scenario, make_scenario
+from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody, StaticPart, WorldSource
-from coopsim.world.towns.scenarios import choose_scenarios
-from coopsim.world.world import World
-
-
-def record(
-    scenario: str | Place,
-    path: str | Path,
-    *,
-    seed: int = 0,
-    max_cycles: int = 200,
-    dt_s: float = 0.1,
-    **numbers: Any,
-) -> Path:
-    """Simulate a world and record it, without sensing.
-
-    Args:
-        scenario: name of the scenario, such as "crossing" or "town", or a custom place.
-        path: the file; an older one is replaced.
-        seed: decides everything that happens.
-        max_cycles: steps; the file has one frame more.
-        dt_s: time between two frames.
-        **numbers: `density`, `detail`, fields of `Population`, and the options of towns.
-
-    Raises:
-        UnknownNameError: no such scenario or number.
-        InvalidValueError: a value is not accepted, or the file cannot be written.
-    """
-    require_seed(seed)
-    require_count(1, max_cycles=max_cycles)
-    require_frame_time(dt_s)
-    place = choose_scenarios(scenario, **numbers).of(seed)
-    world = RecordedWorld(World(place, seed), path, place, seed, dt_s)
-    for _ in range(max_cycles):
-        world.step(dt_s)
-    return Path(path)
 
 
 class RecordedWorld:
@@ -136,29 +96,6 @@ class PlayedWorld:
     def agents(self) -> dict[str, AgentBody]:
         """Return the recorded agents."""
         return dict(self._frame.agents)
-
-
-def recorded_scenario(episode: Episode, place: str | Place | None = None) -> Scenario:
-    """Return the scenario that an episode was recorded in.
-
-    Without a place it is the one that the recording carries, or else the registered scenario of its name.
-
-    Raises:
-        RecordingError: the scenario does not exist, or does not accept the population.
-    """
-    header = episode.header
-    try:
-        if place is None and header.description is not None:
-            place = place_from(header.description, header.scenario)
-        found = make_scenario(place or header.scenario, detail=header.detail, **header.population)
-        return replace(found, place_seed=header.place_seed)
-    except (LookupError, ValueError) as error:
-        raise RecordingError(f"{episode.path} was recorded in a scenario that is not to be had: {error}") from error
-
-
-def played_scenarios(episode: Episode, place: Place | None = None) -> EpisodeScenarios:
-    """Return the scenario of a recording for all episodes; arguments and errors are those of `recorded_scenario`."""
-    return SameScenario(recorded_scenario(episode, place))
 
 
 def _sizes(models: tuple[Model, ...]) -> dict[str, tuple[float, ...]]:

@@ -1,4 +1,4 @@
-"""Surfaces of roads: crowns, speed humps, and the albedo of wet ground."""
+"""Surfaces of roads: crowns and speed humps."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ import numpy as np
 
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
-from coopsim.support.kernels import njit
-from coopsim.world.relief.relief import Relief
+from coopsim.world.places.relief import Relief
 
 TAPER_M = 8.0
 """Over which a crown rises from the flat ground of a junction."""
@@ -83,9 +82,6 @@ _ALONG = 12  # parts in which the profile is cut: a hump 0.1 m high differs from
 USUAL_LENGTH_M, USUAL_HEIGHT_M = 3.7, 0.075
 """Of Britain's standard hump (TRL report 377), at the height that buses accept (TRL report 186)."""
 
-LENGTHS_M, HEIGHTS_M = (0.9, 20.0), (0.025, 0.1)
-"""Accepted sizes: the least length, and both heights, are those of Britain's regulations of 1999."""
-
 
 @dataclass(frozen=True, slots=True)
 class Hump:
@@ -120,19 +116,3 @@ def _faces(rows: int, columns: int) -> np.ndarray[tuple[int, int], np.dtype[np.i
     first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
     ahead, left = first + columns, first + 1
     return np.vstack([np.column_stack([first, ahead, ahead + 1]), np.column_stack([first, ahead + 1, left])])
-
-
-WATER_INDEX = 1.33
-"""Refractive index of water."""
-
-
-@njit(cache=True, nogil=True)
-def wet_albedo(albedo: Floats) -> Floats:
-    """Return the albedo, in [0, 1], of a matt surface under a film of water, from its dry one.
-
-    The film reflects part of the light that the surface throws back down onto it again, so that an albedo A becomes
-    A / (n^2 (1 - A) + A) (Angstrom 1925, as in Lekner and Dorf, "Why some things are darker when wet", 1988).
-    """
-    square = WATER_INDEX * WATER_INDEX
-    wet: Floats = albedo / (square * (1.0 - albedo) + albedo)
-    return wet

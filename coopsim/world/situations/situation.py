@@ -26,13 +26,12 @@ from coopsim.support.checks import (
 from coopsim.support.registry import Registry
 from coopsim.support.rng import stream
 from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.drawn_options import PlaceSeeds, TownOptions
+from coopsim.world.drawn_places import DRAWN, TOWN, scenario_names
 from coopsim.world.places.layout import Layout
 from coopsim.world.population import Population
 from coopsim.world.scenario import EpisodeScenarios, Place, Scenario, make_scenario
 from coopsim.world.script import Script, VehicleRole, WalkRole
-from coopsim.world.towns.options import PlaceSeeds, TownOptions
-from coopsim.world.towns.scenarios import TOWN, scenario_names
-from coopsim.world.towns.town import draw_place
 
 Range = tuple[float, float]
 """Least and greatest value of a number that each seed draws anew, with equal chances."""
@@ -81,7 +80,7 @@ class Situation(EpisodeScenarios):
         penetration: share of the other moving cars that are connected, in [0, 1]; halves are rounded up.
         rsus: number of roadside units, 0 or 1. Each seed draws it from the three nearest masts.
         detail: "plain" or "full"; None: the usual one of the place. In a "street", people could be in a script's way.
-        place_seed: seeds of drawn towns, see `coopsim.world.towns.options.PlaceSeeds`; a town without a site is passed
+        place_seed: seeds of drawn towns, see `coopsim.world.drawn_options.PlaceSeeds`; a town without a site is passed
             over for the next.
         over_s: time at which the situation is over.
     """
@@ -198,9 +197,11 @@ def _bare(place: str | Place, detail: str | None) -> Scenario:
 
 def _town(place_seed: int, detail: str) -> Scenario:
     """Return a drawn town, likewise."""
-    place = draw_place(place_seed, TownOptions())
+    place = DRAWN.get(TOWN)().place(place_seed, TownOptions())
     return Scenario(TOWN, place.make_layout(), Population(1, 0.0, 0, 1), detail, place.description, place_seed)
 
 
-SITUATIONS: Registry[type[Situation]] = Registry("situation", home="coopsim.world.situations.catalogue")
-"""Classes of situations."""
+SITUATIONS: Registry[type[Situation]] = Registry(
+    "situation", home="coopsim.world.situations.catalogue", group="coopsim.situations"
+)
+"""Classes of situations. Installed packages add theirs through the entry-point group `coopsim.situations`."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models import Model, make_models
-from coopsim.world.models.people_at_rest import SITTING, STANDING
+from coopsim.world.shapes.people_at_rest import SITTING, STANDING
 
 _VAN_SHARE = 0.12
 _LONGEST_PARKED_M = 5.6

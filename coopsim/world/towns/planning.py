@@ -12,7 +12,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
-from coopsim.world.towns.options import TownOptions
+from coopsim.world.drawn_options import TownOptions
 from coopsim.world.towns.plan import (
     INNER_M,
     LANE_M,

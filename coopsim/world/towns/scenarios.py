@@ -1,40 +1,29 @@
-"""Scenarios of episodes by name: of one place, or of drawn towns with the same agents in all of them."""
+"""Scenarios of drawn towns, with the same agents in all of them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from numbers import Integral
 from pathlib import Path
 from typing import Any
 
 from coopsim.errors import InvalidValueError, UnknownNameError
-from coopsim.support.checks import require_choice
 from coopsim.world.custom.place import write_place_file
+from coopsim.world.drawn_options import PlaceSeeds, TownOptions
+from coopsim.world.drawn_places import DRAWN, TOWN, TOWN_KEYS, DrawnPlaces
 from coopsim.world.places.layout import Layout
 from coopsim.world.population import Population
 from coopsim.world.scenario import (
     NUMBERS,
-    SCENARIOS,
     EpisodeScenarios,
     Place,
-    SameScenario,
     Scenario,
-    make_scenario,
     rooms,
     wanted_numbers,
 )
 from coopsim.world.surroundings.street import MOST_BYSTANDERS, street_for
-from coopsim.world.towns.options import PlaceSeeds, TownOptions
 from coopsim.world.towns.town import FEWEST, FEWEST_STARTS, MOST, MOST_TOGETHER, MOVING, draw_place
-
-TOWN = "town"
-"""Name of the scenario."""
-
-_OF_TOWNS: tuple[type[Any], ...] = (PlaceSeeds, TownOptions)
-
-TOWN_KEYS = tuple(field.name for kind in _OF_TOWNS for field in fields(kind))
-"""Options of towns, besides those of all scenarios."""
 
 
 class TownScenarios(EpisodeScenarios):
@@ -140,31 +129,17 @@ def _require_places(name: str, number: object, most: int, places: str) -> None:
         )
 
 
-def choose_scenarios(
-    place: str | Place, *, density: float = 1.0, detail: str | None = None, **options: Any
-) -> EpisodeScenarios:
-    """Return the scenarios of an environment's episodes.
+@DRAWN.register(TOWN)
+class Towns(DrawnPlaces):
+    """Drawn towns."""
 
-    Args:
-        place: name of a scenario, "town" among them, or a custom place.
-        density: factor on the numbers of vehicles and people, but not of agents.
-        detail: one of `coopsim.world.scenario.DETAILS`; None: the usual one of the place.
-        **options: fields of `Population`, and of `PlaceSeeds` and `TownOptions` for towns.
+    def place(self, place_seed: int, options: TownOptions) -> Place:
+        return draw_place(place_seed, options)
 
-    Raises:
-        CoopsimError: see `make_scenario` and `TownScenarios`.
-    """
-    if not isinstance(place, Place):
-        require_choice("scenario", place, scenario_names())
-    if place != TOWN:
-        return SameScenario(make_scenario(place, density=density, detail=detail, **options))
-    seeds, town = ({f.name: options.pop(f.name) for f in fields(kind) if f.name in options} for kind in _OF_TOWNS)
-    return TownScenarios(PlaceSeeds(**seeds), TownOptions(**town), density, detail, options)
-
-
-def scenario_names() -> list[str]:
-    """Return the names of all scenarios, towns last."""
-    return [*SCENARIOS, TOWN]
+    def scenarios(
+        self, seeds: PlaceSeeds, options: TownOptions, density: float, detail: str | None, numbers: Mapping[str, Any]
+    ) -> TownScenarios:
+        return TownScenarios(seeds, options, density, detail, numbers)
 
 
 def draw_town(place_seed: int, options: TownOptions) -> Scenario:

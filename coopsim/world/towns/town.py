@@ -13,6 +13,7 @@ from coopsim.config.annotated import Point
 from coopsim.geometry import exact
 from coopsim.support.rng import stream
 from coopsim.world.custom.place import build_place
+from coopsim.world.drawn_options import TownOptions
 from coopsim.world.furniture.furnish import furnished, leafy
 from coopsim.world.places.description import PlaceDescription, point_of
 from coopsim.world.places.layout import Layout
@@ -22,7 +23,6 @@ from coopsim.world.towns import roadside
 from coopsim.world.towns.geometry import keep_corners
 from coopsim.world.towns.kerbs import corner_kerb, kerb_lines_of, trace_rounds
 from coopsim.world.towns.lots import build_corners, build_frontages
-from coopsim.world.towns.options import TownOptions
 from coopsim.world.towns.pavements import PeopleWays, cross_at_junctions, cross_between, describe_ways
 from coopsim.world.towns.plan import Plan
 from coopsim.world.towns.planning import draw_plan

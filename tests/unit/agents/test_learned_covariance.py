@@ -11,7 +11,7 @@ import torch
 from synthetic_recordings import write_recordings
 
 import coopsim
-from coopsim.agents.tracking_policy import LearnedCovariance
+from coopsim.agents.learned_covariance import LearnedCovariance
 from coopsim.comms.codecs.codec import CODECS
 from coopsim.comms.uplinks.uplink import ContentUplink
 from coopsim.errors import CoopsimError

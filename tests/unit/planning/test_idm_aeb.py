@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.planning.planner import PlannedCar, make_planner
+from coopsim.interfaces.planner import PlannedCar, make_planner
 from coopsim.types import Tracks
 from coopsim.types.driving import (
     GIVES_WAY,

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from helpers.script_parts import forget, parts_of_a_script
 
-from coopsim.defenses.defense import DEFENSES
+from coopsim.interfaces.defense import DEFENSES
 from coopsim.support.registrations import added_parts, pack_registrations, register_packed
 from coopsim.support.registry import Registry
 from coopsim.support.user_code import class_at, load_source
@@ -19,7 +19,7 @@ from coopsim.support.user_code import class_at, load_source
 NAME = "of_the_script"
 
 MODULE = """
-from coopsim.defenses.defense import DEFENSES, Defense
+from coopsim.interfaces.defense import DEFENSES, Defense
 
 @DEFENSES.register("{}")
 class A(Defense): pass

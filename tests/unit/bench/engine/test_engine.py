@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from helpers.script_parts import forget, parts_of_a_script
 
 from coopsim.bench.engine.engine import run_locally, run_work
-from coopsim.defenses.defense import DEFENSES
+from coopsim.interfaces.defense import DEFENSES
 from coopsim.support.registrations import pack_registrations
 
 

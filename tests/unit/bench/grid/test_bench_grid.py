@@ -24,7 +24,7 @@ from coopsim.errors import CoopsimError, GridFileError, InvalidValueError, Unkno
 from coopsim.learn.clips.world_recipe import WorldRecipe
 from coopsim.support.checks import require_count
 from coopsim.types import Observation, Tracks
-from coopsim.world.towns.options import PlaceSeeds
+from coopsim.world.drawn_options import PlaceSeeds
 
 TWO = ("no_fusion", "late_fusion")
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from helpers.script_parts import parts_of_a_script
+from jobs_here import no_workers
 
 import coopsim
 from coopsim.bench.benchmark import benchmark
@@ -85,7 +86,8 @@ def edit(path: Path) -> None:
 def test_a_policy_that_is_edited_between_two_calls_is_another(counting: Path, tmp_path: Path) -> None:
     """As in a notebook, whose process has the first version imported, while workers import the second."""
     name, one = f"{counting.stem}:P", Engine(workers=1)
-    first = benchmark(Grid((name,), frames=2, options=OPTIONS), tmp_path / "out", engine=one)
+    with no_workers():
+        first = benchmark(Grid((name,), frames=2, options=OPTIONS), tmp_path / "out")
     edit(counting)
     second = benchmark(Grid((name,), frames=2, seeds=(0, 1), options=OPTIONS), tmp_path / "out", engine=one)
     assert [each.counts["version"] for each in (*first, *second)] == [1, 2, 2]

@@ -10,8 +10,8 @@ import pytest
 import tiny_recordings as tiny
 
 import coopsim
-from coopsim.data.recordings.find_format import open_folder
 from coopsim.errors import CoopsimError, RecordingError
+from coopsim.recordings.formats import open_folder
 
 FRAME = Path("train/s1/101/000070.yaml")
 

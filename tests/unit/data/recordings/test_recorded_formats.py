@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import tiny_recordings as tiny
 
-from coopsim.data.recordings.find_format import find_format, open_folder
-from coopsim.data.recordings.recorded_folder import ReadingOptions
-from coopsim.data.recordings.recorded_scene import RecordedScenes
 from coopsim.errors import RecordingError
 from coopsim.geometry.se3 import wrap_angle
+from coopsim.recordings.formats import find_format, open_folder
+from coopsim.recordings.recorded_folder import ReadingOptions
+from coopsim.recordings.recorded_scene import RecordedScenes
 
 WRITERS: dict[str, Callable[[Path], Path]] = {
     "opv2v": tiny.write_opv2v,

@@ -16,9 +16,9 @@ import pytest
 import tiny_single_car as single
 from pyarrow import feather
 
-from coopsim.data.recordings.find_format import open_folder
-from coopsim.data.recordings.recorded_folder import ReadingOptions
 from coopsim.errors import RecordingError
+from coopsim.recordings.formats import open_folder
+from coopsim.recordings.recorded_folder import ReadingOptions
 
 Break = Callable[[Path], object]
 LOG = "val/7fab2350-7eaf-3b7e-a39d-6937a4c1bede"

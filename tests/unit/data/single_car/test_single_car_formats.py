@@ -11,11 +11,11 @@ import tiny_recordings as tiny
 import tiny_single_car as single
 from PIL import Image
 
-from coopsim.data.recordings.find_format import find_format, open_folder
-from coopsim.data.recordings.recorded_folder import ReadingOptions
-from coopsim.data.recordings.recorded_scene import RecordedScenes, count_returns_in
 from coopsim.errors import RecordingError
 from coopsim.geometry.se3 import SE3, wrap_angle
+from coopsim.recordings.formats import find_format, open_folder
+from coopsim.recordings.recorded_folder import ReadingOptions
+from coopsim.recordings.recorded_scene import RecordedScenes, count_returns_in
 from coopsim.types import ObjectClass
 
 WRITERS: dict[str, Callable[[Path], Path]] = {

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from clips import SMALL, require_same
 
-from coopsim.data.recordings.recorded_scene import count_points_in
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
@@ -17,6 +16,7 @@ from coopsim.learn.clips.left_hand import in_mirror
 from coopsim.learn.clips.simulated import SimulatedClips
 from coopsim.learn.clips.world import draw_world
 from coopsim.learn.clips.world_recipe import WorldRecipe
+from coopsim.recordings.recorded_scene import count_points_in
 from coopsim.world.world import BYSTANDER_ID
 
 STREET = replace(SMALL, street_share=1.0)

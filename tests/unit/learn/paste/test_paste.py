@@ -10,12 +10,12 @@ import pytest
 import torch
 from bare_sweeps import write_bare
 
-from coopsim.data.recordings.find_format import open_folder
 from coopsim.errors import CoopsimError, InvalidValueError, RecordingError
 from coopsim.learn.clips.recorded import RecordedClips
 from coopsim.learn.losses.head_losses import heat_loss
 from coopsim.learn.paste.paste import PastedFrame, PasteSettings, paste
 from coopsim.learn.samples.cloud_samples import SampleSettings, detector_samples
+from coopsim.recordings.formats import open_folder
 
 DOUBT = np.array([[15.0, -4.0, 0.8, 4.5, 1.9, 1.6, 0.0]])
 MANY = PasteSettings(actors=(12, 12), reach_m=22.0)

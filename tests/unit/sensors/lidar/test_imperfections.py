@@ -18,7 +18,7 @@ from coopsim.sensors.lidar.patterns import PATTERNS, BeamPattern
 from coopsim.sensors.scene import RayScene, SceneGeometry
 from coopsim.support.rng import stream
 from coopsim.types import Sweep
-from coopsim.world.models.parts import GLASS
+from coopsim.world.models.surfaces import GLASS
 from coopsim.world.snapshot import Actors, StaticPart
 
 FLAT = BeamPattern("flat", np.radians([-4.0, -6.0]))

@@ -15,6 +15,7 @@ import coopsim
 from coopsim.envs.simulated.scenario_file import load_scenario_file, write_scenario_file
 from coopsim.errors import DuplicateNameError, InvalidValueError
 from coopsim.world.custom.place import place_from
+from coopsim.world.drawn_options import TownOptions
 from coopsim.world.places.description import (
     MapArea,
     MapBay,
@@ -31,7 +32,6 @@ from coopsim.world.places.description import (
     PlaceDescription,
 )
 from coopsim.world.scenario import SCENARIOS, Place, ScenarioRegistry
-from coopsim.world.towns.options import TownOptions
 from coopsim.world.towns.town import describe_town
 
 STREET = PlaceDescription(

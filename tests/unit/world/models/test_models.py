@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from coopsim.errors import InvalidValueError
 from coopsim.types.taxonomy import CLASS_NAMES, ObjectClass
 from coopsim.world.models import make_models
-from coopsim.world.models.figure import bend_limbs
 from coopsim.world.models.model import Model
 from coopsim.world.scenario import SCENARIOS, make_scenario
+from coopsim.world.shapes.figure import bend_limbs
 
 MODELS = make_models()
 VARIED = make_models(varied=True)

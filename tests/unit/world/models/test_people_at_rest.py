@@ -8,7 +8,7 @@ from coopsim.sensors.scene import is_closed
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models import Model, make_models
 from coopsim.world.models.catalogue import models_of
-from coopsim.world.models.people_at_rest import SITTING, STANDING, make_people_at_rest
+from coopsim.world.shapes.people_at_rest import SITTING, STANDING, make_people_at_rest
 
 
 @pytest.mark.parametrize("model", make_people_at_rest(), ids=lambda model: model.name)

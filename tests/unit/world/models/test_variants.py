@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 
 import coopsim
+from coopsim.envs.simulated.record_episode import recorded_scenario
 from coopsim.geometry.se3 import Floats
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models import make_models
-from coopsim.world.models.attachments import RETRO_PLATE
 from coopsim.world.models.catalogue import models_of
 from coopsim.world.models.model import BRIGHTEST, Model
 from coopsim.world.recording.episode_file import Episode
-from coopsim.world.recording.recorded_world import PlayedWorld, recorded_scenario
+from coopsim.world.recording.recorded_world import PlayedWorld
 from coopsim.world.scenario import make_scenario
+from coopsim.world.shapes.attachments import RETRO_PLATE
 from coopsim.world.traffic.fleet import PARKED
 from coopsim.world.world import World
 

@@ -10,9 +10,10 @@ import pytest
 from worlds import DT_S, SCENARIOS, make_world, table
 
 import coopsim
+from coopsim.envs.simulated.record_episode import recorded_scenario
 from coopsim.errors import InvalidValueError, RecordingError, UnknownNameError
 from coopsim.world.recording.episode_file import Episode, EpisodeHeader, EpisodeWriter
-from coopsim.world.recording.recorded_world import PlayedWorld, recorded_scenario
+from coopsim.world.recording.recorded_world import PlayedWorld
 from coopsim.world.scenario import make_scenario
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from coopsim.geometry.se3 import SE3
-from coopsim.world.relief.relief import Relief, drape
+from coopsim.world.places.relief import Relief, drape
 
 SLOPE = np.array([[[0.0, 0.0, 0.0], [40.0, 0.0, 4.0], [40.0, 30.0, 4.0]], [[0, 0, 0], [40, 30, 4], [0, 30, 0]]])
 STEP = np.array([[[10.0, 10.0, 2.0], [20.0, 10.0, 2.0], [10.0, 20.0, 2.0]]])

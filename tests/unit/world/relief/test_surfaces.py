@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from coopsim.world.relief.relief import Relief
-from coopsim.world.relief.surfaces import Hump, crown_triangles, wet_albedo
+from coopsim.world.models.surfaces import wet_albedo
+from coopsim.world.places.relief import Relief
+from coopsim.world.relief.surfaces import Hump, crown_triangles
 
 STREET = np.array([[0.0, 0.0], [40.0, 0.0], [100.0, 0.0]])
 

@@ -11,9 +11,9 @@ import coopsim
 from coopsim.errors import InvalidValueError
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.catalogue import make_models
+from coopsim.world.people.scripted import ScriptedPeople
 from coopsim.world.script import WalkRole
 from coopsim.world.situations.situation import SITUATIONS, Situation
-from coopsim.world.situations.walking import ScriptedPeople
 from coopsim.world.world import World
 
 MINE = ("occluded_pedestrian", "child_between_cars", "crossing_path", "red_light_runner")

@@ -11,13 +11,13 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import iou_bev
 from coopsim.geometry.se3 import Floats
 from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.drawn_places import choose_scenarios
 from coopsim.world.furniture.free_ground import GROUND, are_free, lanes_of, lines_of, make_obstacles
 from coopsim.world.furniture.furnish import area_of
-from coopsim.world.models.people_at_rest import SITTING, STANDING
 from coopsim.world.scenario import Scenario
+from coopsim.world.shapes.people_at_rest import SITTING, STANDING
 from coopsim.world.snapshot import Actors
 from coopsim.world.surroundings.street import as_street
-from coopsim.world.towns.scenarios import choose_scenarios
 from coopsim.world.world import BYSTANDER_ID, World
 
 TOWN = 100_002  # with bays, driveways, and roads of several lanes

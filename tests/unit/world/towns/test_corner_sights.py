@@ -1,8 +1,8 @@
 import numpy as np
 from corner_sights import FARTHEST_M, are_hidden, corner_sights, hiding_edges
 
+from coopsim.world.drawn_options import TownOptions
 from coopsim.world.places.description import MapBuilding, MapWall
-from coopsim.world.towns.options import TownOptions
 from coopsim.world.towns.planning import draw_plan
 from coopsim.world.towns.town import dress_streets
 

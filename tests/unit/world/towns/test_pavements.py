@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from coopsim.world.towns.options import TownOptions
+from coopsim.world.drawn_options import TownOptions
 from coopsim.world.towns.pavements import PeopleWays, describe_ways
 from coopsim.world.towns.planning import draw_plan
 from coopsim.world.towns.town import dress_streets

@@ -10,9 +10,9 @@ from shapely import LineString, Point, Polygon, STRtree
 from town_survey import fingerprint
 
 from coopsim.world.custom.place import place_from
+from coopsim.world.drawn_options import TownOptions
 from coopsim.world.places.description import MapBay, MapBuilding, MapLane, PlaceDescription
 from coopsim.world.places.layout import Layout, lane_outline
-from coopsim.world.towns.options import TownOptions
 from coopsim.world.towns.planning import draw_plan
 from coopsim.world.towns.roads import lay_roads
 from coopsim.world.towns.starts import FIRST, place_starts

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
+from coopsim.world.drawn_options import TownOptions
 from coopsim.world.towns.geometry import distances_to_lines
 from coopsim.world.towns.kerbs import CORNER, LOOP, STREET, kerb_lines_of, trace_rounds
-from coopsim.world.towns.options import TownOptions
 from coopsim.world.towns.planning import draw_plan
 
 SEEDS = (0, 3, 10)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from coopsim.errors import InvalidValueError
-from coopsim.world.towns.options import PlaceSeeds, TownOptions
+from coopsim.world.drawn_options import PlaceSeeds, TownOptions
 from coopsim.world.towns.town import describe_streets
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from coopsim.errors import InvalidValueError
+from coopsim.world.drawn_options import TownOptions
 from coopsim.world.towns import planning
-from coopsim.world.towns.options import TownOptions
 from coopsim.world.towns.plan import Plan, Station, Street, StreetEnd, rounded
 from coopsim.world.towns.planning import are_apart, draw_plan
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coopsim.world.towns.options import TownOptions
+from coopsim.world.drawn_options import TownOptions
 from coopsim.world.towns.planning import draw_plan
 from coopsim.world.towns.roads import lay_roads
 

@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 
 from coopsim.errors import CrowdedWarning, InvalidValueError, UnknownNameError
+from coopsim.world.drawn_options import PlaceSeeds, TownOptions
 from coopsim.world.places.crossings import make_crossing
 from coopsim.world.places.highway import make_highway
 from coopsim.world.population import Population
 from coopsim.world.scenario import rooms
-from coopsim.world.towns.options import PlaceSeeds, TownOptions
 from coopsim.world.towns.scenarios import TownScenarios
 from coopsim.world.towns.town import FEWEST, FEWEST_STARTS, MOST, count_junctions, usual_population
 

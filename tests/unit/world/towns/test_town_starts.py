@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from town_survey import find_faults
 
+from coopsim.world.drawn_options import PlaceSeeds, TownOptions
 from coopsim.world.places.description import MapLane, MapStart, MapUnit
-from coopsim.world.towns.options import PlaceSeeds, TownOptions
 from coopsim.world.towns.scenarios import TownScenarios
 from coopsim.world.towns.starts import bring_near, off_roads
 from coopsim.world.towns.town import describe_streets, draw_place

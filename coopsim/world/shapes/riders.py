@@ -16,28 +16,12 @@ import numpy as np
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.models.attachments import WOOD, hoop, plate
-from coopsim.world.models.figure import JEANS, LEATHER, Appearance, dressed, seated
 from coopsim.world.models.model import Model
-from coopsim.world.models.parts import (
-    ACCENT,
-    GLASS,
-    HEADLIGHT,
-    METAL,
-    PAINT,
-    PLASTIC,
-    RGB,
-    TAILLIGHT,
-    Part,
-    Surface,
-    across,
-    assemble,
-    block,
-    loft,
-    tube,
-    wheel,
-)
-from coopsim.world.models.pedestrians import BABY, BAND, VEST
+from coopsim.world.models.surfaces import ACCENT, GLASS, HEADLIGHT, METAL, PAINT, PLASTIC, RGB, TAILLIGHT, Surface
+from coopsim.world.shapes.attachments import WOOD, hoop, plate
+from coopsim.world.shapes.figure import JEANS, LEATHER, Appearance, dressed, seated
+from coopsim.world.shapes.parts import Part, across, assemble, block, loft, tube, wheel
+from coopsim.world.shapes.pedestrians import BABY, BAND, VEST
 
 PEDAL_POSES = 8
 DEVELOPMENT_M = 5.0

@@ -10,7 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.models.figure import (
+from coopsim.world.models.model import Model
+from coopsim.world.models.surfaces import Surface
+from coopsim.world.shapes.figure import (
     ANKLE_HEIGHT,
     HALF_HIPS,
     HALF_SHOULDERS,
@@ -24,9 +26,8 @@ from coopsim.world.models.figure import (
     on_the_ground,
     seated,
 )
-from coopsim.world.models.model import Model
-from coopsim.world.models.parts import Part, Surface, assemble
-from coopsim.world.models.pedestrians import (
+from coopsim.world.shapes.parts import Part, assemble
+from coopsim.world.shapes.pedestrians import (
     VEST,
     Belonging,
     dog,

@@ -11,23 +11,11 @@ import numpy as np
 
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
-from coopsim.world.models.parts import (
-    ACCENT,
-    GLASS,
-    METAL,
-    PAINT,
-    PLASTIC,
-    TYRE,
-    Part,
-    Surface,
-    across,
-    block,
-    loft,
-    tube,
-)
+from coopsim.world.models.surfaces import ACCENT, GLASS, METAL, PAINT, PLASTIC, TYRE, Surface
+from coopsim.world.shapes.parts import Part, across, block, loft, tube
 
 if TYPE_CHECKING:
-    from coopsim.world.models.cars import Shape
+    from coopsim.world.shapes.cars import Shape
 
 RETRO_PLATE = Surface(0.0, 220.0, (234, 234, 226))
 DIRTY_PLATE = Surface(0.0, 30.0, (150, 140, 120))

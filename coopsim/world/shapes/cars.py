@@ -18,7 +18,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.models.attachments import (
+from coopsim.world.models.model import Model
+from coopsim.world.models.paint import DUST
+from coopsim.world.models.surfaces import ACCENT, GLASS, HEADLIGHT, PAINT, PLASTIC, TAILLIGHT, Surface
+from coopsim.world.shapes.attachments import (
     DIRTY_PLATE,
     INSIDE,
     RETRO_PLATE,
@@ -36,25 +39,7 @@ from coopsim.world.models.attachments import (
     rear_bicycle,
     roof_box,
 )
-from coopsim.world.models.model import Model
-from coopsim.world.models.paint import DUST
-from coopsim.world.models.parts import (
-    ACCENT,
-    GLASS,
-    HEADLIGHT,
-    PAINT,
-    PLASTIC,
-    TAILLIGHT,
-    Dress,
-    Part,
-    Surface,
-    across,
-    assemble,
-    block,
-    loft,
-    mirrored,
-    wheel,
-)
+from coopsim.world.shapes.parts import Dress, Part, across, assemble, block, loft, mirrored, wheel
 
 LEVELS = 3  # sill, belt, top
 LOWER, UPPER, TOP = 0, 1, 2

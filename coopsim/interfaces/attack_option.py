@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from coopsim.attacks.attack import AttackOption, make_attack
 from coopsim.errors import InvalidValueError
+from coopsim.interfaces.attack import AttackOption, make_attack
 from coopsim.support.user_code import names_code
 
 AttacksOption = Mapping[str, AttackOption | Sequence[AttackOption]] | str | None

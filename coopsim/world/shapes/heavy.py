@@ -21,23 +21,16 @@ from typing import NamedTuple
 import numpy as np
 
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.models.attachments import DIRTY_PLATE, RETRO_PLATE, TARPAULIN, WOOD, plate
 from coopsim.world.models.model import Model
-from coopsim.world.models.parts import (
-    ACCENT,
+from coopsim.world.models.surfaces import ACCENT, GLASS, HEADLIGHT, METAL, PAINT, PLASTIC, TAILLIGHT, Surface
+from coopsim.world.shapes.attachments import DIRTY_PLATE, RETRO_PLATE, TARPAULIN, WOOD, plate
+from coopsim.world.shapes.parts import (
     FRONT,
-    GLASS,
-    HEADLIGHT,
     LEFT,
-    METAL,
-    PAINT,
-    PLASTIC,
     REAR,
     RIGHT,
-    TAILLIGHT,
     Dress,
     Part,
-    Surface,
     Window,
     assemble,
     block,

@@ -20,8 +20,10 @@ from numpy.typing import ArrayLike
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.models.attachments import WOOD
-from coopsim.world.models.figure import (
+from coopsim.world.models.model import Model
+from coopsim.world.models.surfaces import METAL, PLASTIC, RGB, TYRE, Surface
+from coopsim.world.shapes.attachments import WOOD
+from coopsim.world.shapes.figure import (
     ANKLE_HEIGHT,
     BOTTOM,
     FOREARM_AND_HALF_HAND,
@@ -40,21 +42,7 @@ from coopsim.world.models.figure import (
     on_the_ground,
     seated,
 )
-from coopsim.world.models.model import Model
-from coopsim.world.models.parts import (
-    METAL,
-    PLASTIC,
-    RGB,
-    TYRE,
-    Part,
-    Surface,
-    assemble,
-    block,
-    level,
-    loft,
-    tube,
-    wheel,
-)
+from coopsim.world.shapes.parts import Part, assemble, block, level, loft, tube, wheel
 
 POSES = 8
 """Number of poses in a cycle of two steps."""

@@ -8,7 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.attacks.attack import (
+from coopsim.comms.uplinks.uplink import ContentUplink, Uplink
+from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.geometry.boxes import Boxes3D
+from coopsim.geometry.se3 import SE3
+from coopsim.interfaces.attack import (
     ATTACKS,
     KNOWLEDGE,
     Attack,
@@ -17,11 +21,7 @@ from coopsim.attacks.attack import (
     hooks_of,
     make_attack,
 )
-from coopsim.attacks.attack_option import AttacksOption, attacks_by_agent
-from coopsim.comms.uplinks.uplink import ContentUplink, Uplink
-from coopsim.errors import InvalidValueError, UnknownNameError
-from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import SE3
+from coopsim.interfaces.attack_option import AttacksOption, attacks_by_agent
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import stream
 from coopsim.types import AgentSpec, Message, Observation, PoseEstimate

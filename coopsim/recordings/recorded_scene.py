@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.data.recordings.recorded_folder import RecordedFrame, RecordedObjects, RecordedSequence
 from coopsim.geometry.boxes import Boxes3D, covers
 from coopsim.geometry.se3 import Floats
+from coopsim.recordings.recorded_folder import RecordedFrame, RecordedObjects, RecordedSequence
 from coopsim.support.arrays import look_up
 from coopsim.support.kernels import njit
 from coopsim.types import NS_PER_S, Ints, Mask, Sweep

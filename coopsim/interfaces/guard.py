@@ -10,10 +10,10 @@ from functools import partial
 
 import numpy as np
 
-from coopsim.defenses.defense import LEAST_TRUST, Claim, Defense, Find, Reception, Trust, make_defense
 from coopsim.errors import DefenseError
 from coopsim.fusion.pooling import merge_duplicates
 from coopsim.geometry.se3 import Floats
+from coopsim.interfaces.defense import LEAST_TRUST, Claim, Defense, Find, Reception, Trust, make_defense
 from coopsim.localization.odometry import OdometryFrame
 from coopsim.support.rng import stream
 from coopsim.types import NS_PER_S, AgentSpec, Detections, FeatureMap, Mask, Message, Observation

@@ -11,16 +11,21 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.data.files.pictures import opened_picture
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.checks import require_between, require_choice, require_frame_time
+from coopsim.support.pictures import opened_picture
 from coopsim.types import CameraCalibration, Ints, Sweep
 from coopsim.types.messages import AGENT_KINDS
 
 CAR = "car"
 """Recorded name of the agent in a folder of one car."""
+
+
+UNRELATED_S = 0.5
+"""Time between frames that are no film, as of KITTI's object benchmark: beyond the 0.25 s within which networks join
+sweeps."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -248,6 +253,17 @@ class RecordedFolder(ABC):
 
     usual_height_m: ClassVar[Mapping[str, float]]
     """Height of LiDARs over the ground, by kind of agent, where neither the files nor the options say it."""
+
+    layout: ClassVar[str] = ""
+    """Names by which a folder of the format is known, in words for errors; empty: it is opened by name alone."""
+
+    asked: ClassVar[int] = 50
+    """Turn in which formats are asked whether a folder is theirs; those that can only guess come late."""
+
+    @classmethod
+    def found_in(cls, path: Path) -> bool:
+        """Return whether a folder has this format, by the names in it and at most one frame."""
+        return False
 
     def __post_init__(self) -> None:
         if self.options.odometry == "none" and not self.stands_alone:
