@@ -131,7 +131,7 @@ def _row(start: str, number: int, detectors: Mapping[Path, str], keep: Path) -> 
         (job,) = plan_of(folder, detector).jobs_of("no_fusion", folder, Disturbance())
         outcome = job.run()
         if outcome.perceived is None:
-            raise SystemExit(outcome.traceback)
+            raise SystemExit(outcome.result.traceback)
         parts.append(Measured.of(outcome.perceived, PROTOCOL, WITHIN_M).rankings)
     values = metrics_of(PROTOCOLS.get(PROTOCOL)(), parts)
     return {"start": start, "frames": number, **{name: values[name] for name in SHOWN}}

@@ -27,7 +27,7 @@ import numpy as np
 from tabulate import tabulate
 
 from coopsim.bench.detect.detect import EVERYWHERE
-from coopsim.bench.grid.cell import varying_axes
+from coopsim.bench.grid.labels import varying_axes
 from coopsim.bench.report.bench_text import form_of
 from coopsim.bench.results.statistics import mean_interval
 from coopsim.catalog import PolicySpec

@@ -2,28 +2,34 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections import defaultdict, deque
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from coopsim.bench.engine.engine import Engine
 from coopsim.bench.engine.job import Job, MetricSpec, Outcome
 from coopsim.bench.evaluate import listening_env
-from coopsim.bench.grid.cell import Cell, CellResult, environment_options, scenario_options
+from coopsim.bench.grid.axis import ATTACKS, LATENCY, POLICY, RATE
+from coopsim.bench.grid.cell import (
+    Cell,
+    CellResult,
+    Condition,
+    environment_options,
+    further_options,
+    scenario_options,
+)
 from coopsim.bench.grid.grid import Grid
+from coopsim.bench.grid.policies import of_cell, takes
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.paper.provenance import Provenance
 from coopsim.bench.store.fingerprint import Sources
 from coopsim.bench.store.store import Store
 from coopsim.catalog import NAMESPACE, PolicySpec, newest
-from coopsim.errors import InvalidValueError, StoreError
-
-if TYPE_CHECKING:
-    from coopsim.agents.policy import Policy
+from coopsim.errors import InvalidValueError, StoreError, UnknownNameError
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,26 +126,44 @@ def check(grid: Grid, isolation: Isolation = Isolation()) -> dict[str, PolicySpe
                 f"scenarios must be simulated, got {scenario!r}: `coopsim leaderboard` ranks policies on recordings"
             )
         _require_no_condition(scenario)
-    specs, met = {text: PolicySpec.parse(text) for text in grid.policies}, set()
+    specs, met, conditions = {text: PolicySpec.parse(text) for text in grid.policies}, set(), _telling(grid)
+    _require_parameters(grid, specs.values(), isolation)
     for text, spec in specs.items():
-        with isolation.described(spec) as policy:
-            # Policies with the same needs meet the same environments.
-            kind = policy.needs, type(policy)
-            if kind not in met:
-                _try_environments(grid, policy, text)
-            met.add(kind)
+        made = [of_cell(spec, each, trusted=not (isolation.limit_s and spec.place)) for each in conditions]
+        for each in {each.text: each for each in made}.values():
+            with isolation.described(each) as policy:
+                # Policies with the same needs meet the same environments.
+                kind = policy.needs, type(policy)
+                for condition in conditions if kind not in met else ():
+                    options = environment_options(Cell(text, condition, grid.seeds[0], grid.frames), grid.options)
+                    listening_env(condition.scenario, policy, options).close()
+                met.add(kind)
     return specs
 
 
-def _try_environments(grid: Grid, policy: Policy, text: str) -> None:
-    """Make the environments of a policy in the hardest conditions of each scenario, and under each attack."""
+def _telling(grid: Grid) -> list[Condition]:
+    """Return the hardest conditions of each scenario, and one with each value of attacks and of further options."""
+    found: dict[Condition, None] = {}
     for scenario in grid.scenarios:
         met = [condition for condition in grid.conditions() if condition.scenario == scenario]
-        hardest = {max(met, key=lambda each: each.latency_s), min(met, key=lambda each: each.bandwidth_bit_s)}
-        attacked = {condition.attacks: condition for condition in met}
-        for condition in sorted({*hardest, *attacked.values()}):
-            options = environment_options(Cell(text, condition, grid.seeds[0], grid.frames), grid.options)
-            listening_env(scenario, policy, options).close()
+        hardest = {
+            max(met, key=lambda each: each.get(LATENCY) or 0.0),
+            min(met, key=lambda each: each.get(RATE) or math.inf),
+        }
+        for option in (ATTACKS, *further_options(met)):
+            hardest |= set({str(each.get(option)): each for each in reversed(met)}.values())
+        found |= dict.fromkeys(sorted(hardest))
+    return list(found)
+
+
+def _require_parameters(grid: Grid, specs: Iterable[PolicySpec], isolation: Isolation) -> None:
+    """Refuse an axis of a parameter that none of the policies has."""
+    trusted = [spec for spec in specs if not (isolation.limit_s and spec.place)]
+    for option in grid.axes if trusted else ():
+        name = option.removeprefix(POLICY)
+        if name != option and not any(takes(spec, name) for spec in trusted):
+            known = {each for spec in trusted for each in inspect.signature(spec.policy_class()).parameters}
+            raise UnknownNameError("parameter of policies", name, sorted(known))
 
 
 def _require_no_condition(scenario: str) -> None:

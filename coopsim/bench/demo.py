@@ -67,7 +67,7 @@ class DemoRun:
 
     def result(self, config: DemoConfig) -> CellResult:
         """Return the run as a cell of a benchmark."""
-        condition = Condition(str(config.environment), 0.0 if self.latency_s is None else self.latency_s)
+        condition = Condition(str(config.environment), latency_s=self.latency_s or 0.0)
         used = arithmetic_of(PolicySpec.parse(self.policy), config.options.get("detector"))
         return result_of(Cell(self.policy, condition, config.seed, config.frames), self.evaluation, used)
 

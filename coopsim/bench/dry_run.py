@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 from coopsim.bench.benchmark import check
 from coopsim.bench.detect.detect_plan import DetectJob, DetectPlan
@@ -22,6 +25,8 @@ from coopsim.support.processes import cores
 
 Kind = tuple[str, str]
 """Policy and environment, which decide the duration of a run."""
+
+JobT = TypeVar("JobT", bound=Job)
 
 _TIMED_FRAMES = 5
 
@@ -61,18 +66,14 @@ def estimate_benchmark(grid: Grid, folder: Path, isolation: Isolation = Isolatio
     """
     policies, metrics, sources = check(grid, isolation), MetricSpec.all(), Sources()
     jobs = [Job.of(cell, grid.options, policies[cell.policy], metrics, isolation, sources) for cell in grid.cells()]
-    stored: defaultdict[Kind, list[float]] = defaultdict(list)
-    waiting = []
     store = Store(folder) if (folder / CELLS).is_dir() else None
-    for job in jobs:
+
+    def stored_s(job: Job) -> float | None:
         if store is None or not store.path_of(job.key).is_file():
-            waiting.append(job)
-        elif (seconds := store.circumstances(job.key).get("seconds")) is not None:
-            stored[_kind(job)].append(float(seconds))
-    first = {_kind(job): job for job in reversed(waiting)}
-    known = {kind: sum(seconds) / len(seconds) for kind, seconds in stored.items()}
-    seconds, timed = _complete(known, first, lambda kind: _seconds_of_cell(first[kind]))
-    return Estimate(len(jobs), len(jobs) - len(waiting), sum(seconds[_kind(job)] for job in waiting), timed)
+            return None
+        return float(store.circumstances(job.key).get("seconds", math.nan))
+
+    return _estimate(jobs, stored_s, _seconds_of_cell, lambda job: 1)
 
 
 def estimate_detection(plan: DetectPlan, folder: Path | None) -> Estimate:
@@ -83,19 +84,37 @@ def estimate_detection(plan: DetectPlan, folder: Path | None) -> Estimate:
     """
     plan.check()
     jobs = [job for row in plan.rows() for job in plan.jobs_of(*row)]
+    files = None if folder is None or not folder.is_dir() else PerceivedFiles(folder)
+    stored_s = partial(_stored_frame_s, files)
+    return _estimate(jobs, stored_s, _frame_s_of_episode, lambda job: job.pace.cycles)
+
+
+def _estimate(
+    jobs: Sequence[JobT],
+    stored_s: Callable[[JobT], float | None],
+    measured_s: Callable[[JobT], float],
+    count: Callable[[JobT], int],
+) -> Estimate:
+    """Estimate the work of jobs.
+
+    Args:
+        jobs: all jobs.
+        stored_s: returns the seconds of a job's unit that are stored, NaN if unknown; None: the job is not stored.
+        measured_s: runs a part of a job, and returns seconds of its unit.
+        count: returns the number of units of a job.
+    """
     stored: defaultdict[Kind, list[float]] = defaultdict(list)
     waiting = []
-    files = None if folder is None or not folder.is_dir() else PerceivedFiles(folder)
     for job in jobs:
-        frame_s = None if files is None else _stored_frame_s(files, job)
-        if frame_s is None:
+        seconds = stored_s(job)
+        if seconds is None:
             waiting.append(job)
-        else:
-            stored[job.policy.text, job.environment].append(frame_s)
-    first = {(job.policy.text, job.environment): job for job in reversed(waiting)}
+        elif not math.isnan(seconds):
+            stored[_kind(job)].append(seconds)
+    first = {_kind(job): job for job in reversed(waiting)}
     known = {kind: sum(each) / len(each) for kind, each in stored.items()}
-    seconds, timed = _complete(known, first, lambda kind: _frame_s_of_episode(first[kind]))
-    left_s = sum(seconds[job.policy.text, job.environment] * job.pace.cycles for job in waiting)
+    found, timed = _complete(known, first, lambda kind: measured_s(first[kind]))
+    left_s = sum(found[_kind(job)] * count(job) for job in waiting)
     return Estimate(len(jobs), len(jobs) - len(waiting), left_s, timed)
 
 
@@ -153,10 +172,10 @@ def _seconds_of_cell(job: Job) -> float:
     return outcome.seconds + frame_s * max(frames - len(ends), 0)
 
 
-def _stored_frame_s(files: PerceivedFiles, job: DetectJob) -> float | None:
+def _stored_frame_s(files: PerceivedFiles | None, job: DetectJob) -> float | None:
     """Return the seconds of a frame of a stored episode; None if there is none, or it is broken."""
     try:
-        perceived = files.get(job.key)
+        perceived = None if files is None else files.get(job.key)
     except StoreError:
         return None
     return None if perceived is None else sum(perceived.ms.values()) / 1000
@@ -165,6 +184,6 @@ def _stored_frame_s(files: PerceivedFiles, job: DetectJob) -> float | None:
 def _frame_s_of_episode(job: DetectJob) -> float:
     """Run two measured frames twice, as the first run compiles, and return the seconds of a frame; 0 if it fails."""
     short = replace(job, pace=replace(job.pace, frames=min(job.pace.frames, 2)))
-    short.run()
-    perceived = short.run().perceived
+    short.perform()
+    perceived = short.perform().perceived
     return 0.0 if perceived is None else sum(perceived.ms.values()) / 1000

@@ -8,7 +8,7 @@ import itertools
 import json
 import shlex
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
@@ -267,6 +267,38 @@ def named_value(text: str) -> tuple[str, Any]:
         return name.strip(), yaml.safe_load(value)
     except (ValueError, yaml.YAMLError):
         raise argparse.ArgumentTypeError(f"must be name=value, the value as YAML has it, got {text!r}") from None
+
+
+WAYS = ("product", "one_by_one")
+"""Words of `--vary`: the ways in which axes are combined."""
+
+
+def varied_option(text: str) -> str | tuple[str, tuple[Any, ...]]:
+    """Parse `name=value,value`, values as YAML, or one of `WAYS`; commas in brackets belong to a value."""
+    from coopsim.config.spec import split_specs
+
+    name, equals, values = text.partition("=")
+    if text in WAYS:
+        return text
+    if not (equals and name.strip()):
+        raise argparse.ArgumentTypeError(f"must be {', '.join(WAYS)} or an option as name=value,value, got {text!r}")
+    return name.strip(), tuple(named_value(f"{name}={value}")[1] for value in split_specs(values))
+
+
+def varied(given: Iterable[str | tuple[str, tuple[Any, ...]]]) -> dict[str, Any]:
+    """Return what `--vary` gave, as attributes of a grid: None where it gave none.
+
+    Raises:
+        InvalidValueError: an axis, or the way to combine them, is given twice.
+    """
+    words, named = (
+        [each for each in given if isinstance(each, str)],
+        [each for each in given if isinstance(each, tuple)],
+    )
+    axes = dict(named)
+    if len(words) > 1 or len(axes) < len(named):
+        raise InvalidValueError(f"--vary must be given once for each option and once for {' or '.join(WAYS)}")
+    return {"vary": words[0] if words else None, "axes": axes or None}
 
 
 def count_or_zero(text: str) -> int:

@@ -33,6 +33,8 @@ from coopsim.cli.arguments import (
     policy,
     seeds,
     stored_results,
+    varied,
+    varied_option,
     without_flags,
 )
 from coopsim.errors import CoopsimError, InvalidValueError
@@ -137,7 +139,10 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     add("--bandwidths-mbit-s", type=numbers, metavar="0.1,inf", help="rates of the shared medium (default: inf)")
     add("--penetrations", type=numbers, metavar="0.1,1", help="shares of the other cars that are connected")
     add_attack(grid, "agents that lie, as one condition; several times: several, of which `none` is honest")
-    add("--vary", choices=("product", "one_by_one"), help="all together, or each of the above by itself")
+    varied = (
+        "an axis: any option of environments, or policy.x; several times: several. product or one_by_one: all or each"
+    )
+    add("--vary", type=varied_option, action="append", default=[], metavar="NAME=A,B", help=varied)
     add("--seeds", type=seeds, metavar="0-4", help="an episode each (default: 0)")
     add("--frames", type=_frames, metavar="N", help="of each run (default: 100); episode: until its episode ends")
     add_detector(grid)
@@ -173,7 +178,7 @@ def _run_bench(options: argparse.Namespace) -> int:
     from coopsim.bench.isolated.isolation import Isolation
 
     engine = Engine(options.engine, options.workers, options.address)
-    given = {"more_policies": options.policy, "trust": options.trust, **_flag_values(options)}
+    given = {"more_policies": options.policy, "trust": options.trust, **flag_values(options)}
     source = find_grid(options.preset, options.grid, **given)
     grid = source.grid()
     isolation = Isolation.of(options.isolate, options.salt_fd)
@@ -235,12 +240,13 @@ def _require_metrics(grid: Grid, metrics: Sequence[str], *, import_policies: boo
         require_choice("metric", name, all_metrics())
 
 
-def _flag_values(options: argparse.Namespace) -> dict[str, Any]:
+def flag_values(options: argparse.Namespace) -> dict[str, Any]:
     """Return the attributes of a grid that were given as flags."""
     from coopsim.bench.grid.grid import ATTRIBUTES
 
     given = {name: getattr(options, name, None) for name in ATTRIBUTES}
     given["attacks"] = options.attack or None
+    given |= varied(options.vary)
     if options.option or options.detector is not None:
         given["options"] = {**named_options(options), **detector_option(options)}
     return {name: None if value == _EPISODE else value for name, value in given.items() if value is not None}
@@ -252,7 +258,7 @@ def _show(bar: tqdm[Any], progress: Progress, workers: int, conditions: Sequence
         bar.refresh()
         return
     if progress.outcome.result.failed:
-        from coopsim.bench.grid.cell import name_of_cell
+        from coopsim.bench.grid.labels import name_of_cell
 
         where = name_of_cell(progress.outcome.result.cell, conditions)
         bar.write(f"coopsim: failed: {where}: {progress.outcome.reason}", file=sys.stderr)

@@ -137,8 +137,8 @@ def _run_detect(options: argparse.Namespace) -> int:
             bar.refresh()
             if progress.outcome is not None and progress.outcome.perceived is None:
                 failed += 1
-                job = progress.outcome.job
-                about = f"{job.policy.text}, {job.environment}, seed {job.seed}"
+                cell = progress.outcome.job.cell
+                about = f"{cell.policy}, {cell.condition.scenario}, seed {cell.seed}"
                 bar.write(f"coopsim: failed: {about}: {progress.outcome.reason}", file=sys.stderr)
             if out is not None and (grown or progress.outcome is None):
                 write_whole(out, as_json(rows))

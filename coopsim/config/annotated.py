@@ -38,7 +38,7 @@ class Checked(NamedTuple):
 
 
 class OneOf(NamedTuple):
-    """One of the accepted names; `kind` is what they are names of, if that is not the key."""
+    """An accepted name; `kind` is the kind of thing that it names, if that is not the key."""
 
     accepted: tuple[str, ...]
     kind: str | None = None

@@ -49,7 +49,7 @@ def split_specs(text: str) -> tuple[str, ...]:
     """Split a list of specs at its commas, but not at those within brackets."""
     parts, depth = [""], 0
     for letter in text:
-        depth += (letter in "([") - (letter in ")]")
+        depth += (letter in "([{") - (letter in ")]}")
         if letter == "," and depth == 0:
             parts.append("")
         else:

@@ -15,13 +15,16 @@ along its way, most in the first metre that the receiver sees. Numbers without a
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from coopsim.config.load import load
+from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
 from coopsim.sensors.scene import Singles
-from coopsim.support.checks import require_between, require_non_negative, require_number
+from coopsim.support.checks import require_between, require_choice, require_non_negative, require_number
 
 _LIGHT_M_S = 299_792_458.0
 _PULSE_S = 20e-9  # half-power width, Hahner et al.
@@ -71,6 +74,31 @@ class Weather:
     def has_clutter(self) -> bool:
         """Flag of air that itself returns echoes."""
         return self.rain_mm_h > 0 or self.fog_visibility_m < np.inf
+
+
+WEATHERS = {
+    "clear": Weather(),
+    "rain": Weather(rain_mm_h=10.0, wetness=1.0),
+    "fog": Weather(fog_visibility_m=100.0),
+}
+"""Weathers by name: dry and clear; the border of moderate and heavy rain; dense fog."""
+
+
+def as_weather(weather: object) -> Weather | None:
+    """Return a `Weather` or None as it is, that of a name in `WEATHERS`, or the one of a mapping of its fields.
+
+    Raises:
+        UnknownNameError: there is no weather of that name; the message lists the close ones.
+        InvalidValueError: it is none of these, or a field's value is not accepted.
+    """
+    if isinstance(weather, str):
+        require_choice("weather", weather, WEATHERS)
+        return WEATHERS[weather]
+    made = load(Weather, weather, "weather") if isinstance(weather, Mapping) else weather
+    if not (made is None or isinstance(made, Weather)):
+        accepted = f"a Weather, a mapping of its fields, None or one of {', '.join(WEATHERS)}"
+        raise InvalidValueError(f"weather must be {accepted}, got {weather!r}")
+    return made
 
 
 class WeatherClutter:

@@ -22,7 +22,7 @@ from coopsim.sensors.camera.picture import require_modes
 from coopsim.sensors.camera.renderers import RENDERERS
 from coopsim.sensors.lidar.lidar import MOST_COLUMNS, LidarConfig
 from coopsim.sensors.lidar.patterns import PATTERNS, SUFFIXES, BeamPattern
-from coopsim.sensors.weather import Weather
+from coopsim.sensors.weather import Weather, as_weather
 from coopsim.support.checks import (
     require_between,
     require_choice,
@@ -171,8 +171,8 @@ class SimulationOptions(PerceptionOptions):
         drone_pitch_rad: angle by which a drone's LiDARs look down, in [0, pi / 2], in addition to their own pitch.
         lidar_columns: firings per revolution; not with a `LidarConfig`, which has its own.
         lidar_range_m: farthest return; the nearest is at 1 m. Not with a `LidarConfig`, either.
-        weather: rain, fog and wet surfaces, for the LiDARs and cameras: a `Weather` or its mapping; None is dry and
-            clear.
+        weather: rain, fog and wet surfaces, for the LiDARs and cameras: a `Weather`, its mapping, or the name of one;
+            None is dry and clear.
         threads: number of threads that share the agents' sweeps (not embree's); they change nothing but the time.
         time_of_day: "day", "dusk" or "night", or a custom `Daylight`: the light for cameras.
         cameras: each agent's cameras: False, the name of a rig ("front", "surround", "surround_6"; True is "surround"),
@@ -214,7 +214,7 @@ class SimulationOptions(PerceptionOptions):
     drone_pitch_rad: float = math.pi / 4
     lidar_columns: int = LidarConfig().columns
     lidar_range_m: float = LidarConfig().max_range_m
-    weather: Weather | Mapping[str, Any] | None = None
+    weather: Weather | Mapping[str, Any] | str | None = None
     threads: int = 2
     time_of_day: str | Daylight = "day"
     cameras: RigOption = False
@@ -243,11 +243,7 @@ class SimulationOptions(PerceptionOptions):
         require_count(1, max_cycles=self.max_cycles, threads=self.threads, sense_every=self.sense_every)
         check_rig(self.cameras)
         require_modes(self.camera_modes)
-        if isinstance(self.weather, Mapping):
-            object.__setattr__(self, "weather", load(Weather, self.weather, "weather"))
-        if not (self.weather is None or isinstance(self.weather, Weather)):
-            accepted = "a Weather, a mapping of its fields, or None"
-            raise InvalidValueError(f"weather must be {accepted}, got {self.weather!r}")
+        object.__setattr__(self, "weather", as_weather(self.weather))
         self._check_files()
         lidars = self.lidars
         object.__setattr__(self, "lidar_agents", checked_lidar_agents(self.lidar_agents, self.lidar))

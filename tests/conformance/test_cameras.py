@@ -175,7 +175,7 @@ def test_hour_and_weather_reach_the_pictures(make_small: Make, hour: str) -> Non
         ({"camera_mode": ("rgb",)}, UnknownNameError, "unknown option 'camera_mode'. Did you mean 'camera_modes'"),
         ({"time_of_day": "dsk"}, UnknownNameError, "unknown time_of_day 'dsk'. Did you mean 'dusk'"),
         ({"time_of_day": 12.0}, UnknownNameError, "unknown time_of_day 12.0"),
-        ({"weather": "fog"}, InvalidValueError, "weather must be a Weather, a mapping of its fields, or None"),
+        ({"weather": "fogg"}, UnknownNameError, "unknown weather 'fogg'. Did you mean 'fog'"),
         ({"renderer": "opngl"}, UnknownNameError, "unknown renderer 'opngl'. Did you mean 'opengl'"),
     ],
 )

@@ -47,6 +47,7 @@ stands by itself: it is left out where that is missing."""
 EXAMPLES = (
     ("docs/learn/first_policy.md", "02_your_own_tracker.py"),
     ("docs/learn/first_metric.md", "08_your_own_metric.py"),
+    ("docs/learn/first_place.md", "26_your_own_place.py"),
     ("docs/learn/first_detector.md", "09_your_own_detector.py"),
     ("docs/learn/first_detector.md", "10_your_own_embedder.py"),
     ("docs/learn/first_uplink.md", "11_your_own_uplink.py"),

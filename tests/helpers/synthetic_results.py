@@ -18,7 +18,8 @@ EFFECTS: Mapping[str, float] = {"good": 60.0, "middling": 50.0, "bad": 30.0}
 
 def result(cell: Cell, level: float, **values: Any) -> CellResult:
     """One result about `level` per cent, that falls by 20 with every second of latency."""
-    condition = str(cell.condition).replace(", attacks=''", "")  # honest draws are those from before there were lies
+    named = {name: value for name, value in cell.condition.columns().items() if name != "attacks" or value}
+    condition = f"Condition({', '.join(f'{name}={value!r}' for name, value in named.items())})"
     shared = stream(cell.seed, "traffic", condition).normal(scale=3.0)
     own = stream(cell.seed, "own", cell.policy, condition).normal(scale=0.5)
     value = level - 20 * cell.condition.latency_s + shared + own

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from coopsim.bench.grid.cell import Cell, CellResult, Condition, environment_options, label, mildest
+from coopsim.bench.grid.cell import Cell, CellResult, Condition, environment_options
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.grid.grid_file import find_grid
+from coopsim.bench.grid.labels import label, mildest
 from coopsim.bench.store.fingerprint import fingerprint
 from coopsim.bench.store.store import decode, encode
 from coopsim.catalog import PolicySpec
@@ -22,7 +23,7 @@ def key(condition: Condition) -> str:
 
 
 def test_an_honest_condition_is_what_it_was_before_there_were_attacks() -> None:
-    assert "attacks" not in Condition().as_dict()
+    assert "attacks" not in dict(Condition().settings)
     assert "attacks" not in environment_options(Cell("no_fusion", Condition()), {})
     assert "attacks" not in key(Condition())
 

@@ -201,7 +201,7 @@ def test_a_detector_that_needs_sweeps_needs_a_lidar() -> None:
         ({"lidar_range_m": 1e5}, "^lidar_range_m must be > 1 and <= 10000, got 100000.0"),
         ({"lidar": ROOF, "lidar_columns": 64}, "lidar_columns must be left out where lidar is a LidarConfig"),
         ({"lidar": {"a": ROOF}, "lidar_range_m": 50.0}, "lidar_range_m must be left out"),
-        ({"weather": "rain"}, "weather must be a Weather, a mapping of its fields, or None, got 'rain'"),
+        ({"weather": 3}, "weather must be a Weather, a mapping of its fields, None or one of clear, rain, fog, got 3"),
         ({"weather": {"rain_mm_h": -1}}, "^weather: rain_mm_h must be"),
         ({"lidar": "nowhere.csv"}, "cannot read the beam table nowhere.csv"),
         ({"lidar": LidarConfig(above_m=-0.5)}, "lidar 'lidar' at x, y, z = .* is inside the body of"),

@@ -74,7 +74,7 @@ def test_where_cars_are_driven_crashes_come_first_and_an_event_once() -> None:
     def driven(attacks: str, late_s: float) -> CellResult:
         crash, brakes = lost.get(attacks, (0.0, 1.0))
         values = {"crash": crash, "phantom_brakes": brakes, "bytes_per_s": 9.0, "sAMOTA": 50.0}
-        cell = Cell("late_fusion", Condition("merge", late_s, attacks=attacks), 4, None)
+        cell = Cell("late_fusion", Condition("merge", latency_s=late_s, attacks=attacks), 4, None)
         return CellResult(cell, values, {"cav_0": values, "cav_1": {"sAMOTA": 3.0}}, np.ones(9))
 
     table = ResultTable.of([driven(attacks, late_s) for attacks in ("", *lost) for late_s in (0.0, 0.2)])

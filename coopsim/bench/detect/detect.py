@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from coopsim.bench.detect.perceived import Perceived, PerceivedFiles
 from coopsim.bench.detect.protocols import PROTOCOLS, VEHICLES, Protocol, among
 from coopsim.bench.detect.ranking import Overlaps, Ranking, area_interval
 from coopsim.bench.engine.engine import Engine
+from coopsim.bench.grid.cell import environment_options
 from coopsim.bench.results.result_table import named
 from coopsim.errors import StoreError
 from coopsim.metrics.score import UNKNOWN
@@ -276,6 +277,7 @@ def measure_detection(
     with closing(engine.run(iter(waiting.values()))) as outcomes:
         for outcome in outcomes:
             job = waiting[outcome.job.key]  # ours; the outcome has a copy
+            assert isinstance(outcome, DetectOutcome)
             if outcome.perceived is not None:
                 if files is not None:
                     files.put(job.key, outcome.perceived)
@@ -320,7 +322,8 @@ class _Table:
         for place in self.places[job]:
             jobs = self._jobs[place]
             if all(part in self.episodes for part in jobs):
-                options = {name: value for name, value in jobs[0].options.items() if name != "threads"}
+                options = environment_options(replace(jobs[0].cell, frames=None), jobs[0].options)
+                options = {name: value for name, value in options.items() if name != "threads"}
                 self._rows[place] = row_of(self._plan, place, options, [self.episodes[part] for part in jobs])
 
 

@@ -2,44 +2,36 @@
 
 from __future__ import annotations
 
-import math
-import reprlib
 from collections.abc import Iterator, Mapping
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import coopsim
 from coopsim.bench.detect.episode import Boxes, Pace, Receivers, Selection, pace_of, perceive_episode, receiving
 from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.detect.protocols import PROTOCOLS
-from coopsim.bench.engine.job import traceback_of
+from coopsim.bench.engine.job import Job, Outcome, traceback_of
 from coopsim.bench.evaluate import listening_env
-from coopsim.bench.grid.cell import Cell, Condition, last_line, scenario_options
+from coopsim.bench.grid.cell import Cell, CellResult, Condition, environment_options, scenario_options
+from coopsim.bench.grid.grid import Grid
 from coopsim.bench.grid.policies import (
     PROCESSOR,
     arithmetic_on,
     detector_on,
     device_of_detector,
     device_of_policy,
-    policy_on,
-    require_device,
 )
-from coopsim.bench.store.fingerprint import changed_parts, fingerprint, key_of
-from coopsim.catalog import PolicySpec, is_recordings_folder
-from coopsim.errors import InvalidValueError
-from coopsim.interfaces.attack_option import attacks_by_agent, spell_attacks
+from coopsim.bench.store.fingerprint import Sources
+from coopsim.catalog import PolicySpec
+from coopsim.interfaces.attack_option import attacks_by_agent
 from coopsim.support.checks import (
-    MOST_RUNS,
-    as_runs,
     require_count,
-    require_non_negative,
     require_positive,
 )
-from coopsim.support.rng import require_seed
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -51,16 +43,15 @@ class Disturbance:
     delay_ms: float | None = None
     attacks: str | None = None
 
-    @property
-    def options(self) -> dict[str, Any]:
-        """Options of the environment that make it."""
-        made: dict[str, Any] = {"attacks": self.attacks} if self.attacks else {}
-        if self.position_noise_m is not None and self.heading_noise_deg is not None:
-            made["position_noise_m"] = self.position_noise_m
-            made["heading_noise_rad"] = math.radians(self.heading_noise_deg)
-        if self.delay_ms is not None:
-            made["latency_s"] = self.delay_ms / 1000
-        return made
+    def condition(self, environment: str) -> Condition:
+        """Return the condition of an environment that it makes."""
+        noise: dict[str, Any] = {
+            "position_noise_m": self.position_noise_m,
+            "heading_noise_deg": self.heading_noise_deg,
+        }
+        latency_s = None if self.delay_ms is None else self.delay_ms / 1000
+        rate: dict[str, Any] = {"bandwidth_bit_s": None, "loss": None}
+        return Condition(environment, latency_s=latency_s, attacks=self.attacks or "none", **noise, **rate)
 
     @property
     def noise(self) -> str | None:
@@ -68,67 +59,42 @@ class Disturbance:
         return None if self.position_noise_m is None else f"{self.position_noise_m:g}/{self.heading_noise_deg:g}"
 
 
-@dataclass(frozen=True, eq=False)
-class DetectJob:
-    """An episode and everything that is needed to run it in any process, as plain data."""
+@dataclass(frozen=True, slots=True, eq=False)
+class DetectOutcome(Outcome):
+    """The outcome of a job: its perceived episode, or the traceback of a failure."""
 
-    policy: PolicySpec
-    environment: str
-    seed: int
-    options: Mapping[str, Any]
-    pace: Pace
-    selection: Selection = Selection()
-
-    @cached_property
-    def decided_by(self) -> str:
-        """Everything that decides the outcome, as text, at the first access."""
-        return self._fingerprint()
-
-    def _fingerprint(self) -> str:
-        condition = Condition(self.environment, attacks=self.options.get("attacks", ""))
-        cell = Cell(self.policy.text, condition, self.seed, self.pace.cycles)
-        measured = {**asdict(self.pace), **self.selection.as_dict()}
-        return fingerprint(cell, {**self.options, "detect": measured}, self.policy)
-
-    @property
-    def key(self) -> str:
-        """Name of the outcome in a store."""
-        return key_of(self.decided_by)
-
-    def run(self) -> DetectOutcome:
-        """Run the episode. An exception becomes the outcome: a user's policy may raise anything."""
-        try:
-            outcome = DetectOutcome(self, self._perceive())
-        except Exception as error:
-            outcome = DetectOutcome(self, None, traceback_of(error))
-        changed = changed_parts(self.decided_by, self._fingerprint())
-        return self.lost(f"{changed} changed since the command began, or differs here") if changed else outcome
-
-    def _perceive(self) -> Perceived:
-        policy = self.policy.make()
-        return perceive_episode(policy, self.environment, self.seed, self.options, self.pace, self.selection)
-
-    def died(self, how: str) -> DetectOutcome:
-        """Return the outcome where the process died."""
-        return DetectOutcome(self, None, f"the process that ran this episode died: {how}\n")
-
-    def lost(self, how: str) -> DetectOutcome:
-        """Return the outcome where the machine or the cluster died."""
-        return DetectOutcome(self, None, f"this episode was not run: {how}\n")
+    perceived: Perceived | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DetectOutcome:
-    """The outcome of a job: its perceived episode, or the traceback of a failure."""
+class DetectJob(Job):
+    """An episode and everything that is needed to run it in any process, as plain data.
 
-    job: DetectJob
-    perceived: Perceived | None
-    traceback: str | None = None
+    Attributes:
+        pace: the frames that are measured.
+        selection: the receivers and boxes that are measured.
+    """
+
+    root: ClassVar[str] = "coopsim.bench.detect.episode"
+    noun: ClassVar[str] = "episode"
+    outcome: ClassVar[type[Outcome]] = DetectOutcome
+
+    pace: Pace = Pace(1)
+    selection: Selection = Selection()
 
     @property
-    def reason(self) -> str | None:
-        """The traceback's last line; None if the job did not fail."""
-        return last_line(self.traceback)
+    def inputs(self) -> dict[str, Any]:
+        return {**self.options, "detect": {**asdict(self.pace), **self.selection.as_dict()}}
+
+    def perform(self) -> DetectOutcome:
+        """Run the episode. An exception becomes the outcome: a user's policy may raise anything."""
+        options, environment = environment_options(self.cell, self.options), self.cell.condition.scenario
+        try:
+            policy = self.policy.make()
+            made = perceive_episode(policy, environment, self.cell.seed, options, self.pace, self.selection)
+            return DetectOutcome(self, CellResult(self.cell), perceived=made)
+        except Exception as error:
+            return DetectOutcome(self, CellResult(self.cell, traceback=traceback_of(error)))
 
 
 LEARNED_DETECTOR = "pillars"
@@ -179,27 +145,27 @@ class DetectPlan:
     device: str = PROCESSOR
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "seeds", as_runs(seeds=self.seeds))
-        for seed in self.seeds:
-            require_seed(seed)
-        if len(set(self.seeds)) < len(self.seeds):
-            raise InvalidValueError(f"seeds must be distinct, got {reprlib.repr(self.seeds)}")
-        require_device(self.device)
-        object.__setattr__(self, "policies", tuple(policy_on(self.device, text) for text in self.policies))
+        position_m, heading_deg = zip(*self.noises, strict=True) if self.noises else ((0.0,), (0.0,))
+        grid = Grid(
+            self.policies,
+            self.environments,
+            self.delays_ms or (0.0,),
+            position_noises_m=position_m,
+            heading_noises_deg=heading_deg,
+            pose="together",
+            attacks=self.attacks or ("",),
+            seeds=self.seeds,
+            device=self.device,
+        )
+        object.__setattr__(self, "seeds", grid.seeds)
+        object.__setattr__(self, "policies", grid.policies)
+        object.__setattr__(self, "attacks", grid.attacks if self.attacks else ())
         require_count(1, frames=self.frames)
         require_positive(every_s=self.every_s)
-        object.__setattr__(self, "attacks", tuple(dict.fromkeys(map(spell_attacks, self.attacks))))
         Selection(self.receivers, self.boxes)
         PROTOCOLS.get(self.protocol)
         if self.within_m is not None:
             require_positive(within_m=self.within_m)
-        for noise_m, noise_deg in self.noises:
-            require_non_negative(position_noise_m=noise_m, heading_noise_deg=noise_deg)
-        for delay_ms in self.delays_ms:
-            require_non_negative(delay_ms=delay_ms)
-        episodes = len(self.disturbances) * len(self.policies) * len(self.environments) * len(self.seeds)
-        if episodes > MOST_RUNS:
-            raise InvalidValueError(f"seeds times rows must be at most {MOST_RUNS:,} episodes, got {episodes:,}")
 
     @property
     def disturbances(self) -> list[Disturbance]:
@@ -248,15 +214,16 @@ class DetectPlan:
         met = [(text, self.environments[0], each) for each in lying for text in policies]
         met += [(policies[0], environment, last) for environment in self.environments]
         for text, environment, disturbance in met:
-            options, _ = self._episode(text, environment, disturbance)
-            with closing(listening_env(environment, self.specs[text].make(), options)) as env:
+            job = self._job(text, environment, disturbance, self.seeds[0])
+            options = environment_options(job.cell, job.options)
+            with closing(listening_env(environment, job.policy.make(), options)) as env:
                 receiving(env, self.selection)
 
     def jobs_of(self, policy: str, environment: str, disturbance: Disturbance) -> list[DetectJob]:
         """Return the episodes of a row, one for each seed."""
-        options, pace = self._episode(policy, environment, disturbance)
-        spec = self.specs[policy]
-        return [DetectJob(spec, environment, seed, options, pace, self.selection) for seed in self.seeds]
+        sources = Sources()
+        jobs = [self._job(policy, environment, disturbance, seed) for seed in self.seeds]
+        return [replace(job, decided_by=job.fingerprint(sources)) for job in jobs]
 
     def rows(self) -> Iterator[tuple[str, str, Disturbance]]:
         """Yield policy, environment and disturbance of each row: the disturbances one after another."""
@@ -265,14 +232,15 @@ class DetectPlan:
                 for environment in self.environments:
                     yield policy, environment, disturbance
 
-    def _episode(self, policy: str, environment: str, disturbance: Disturbance) -> tuple[dict[str, Any], Pace]:
-        given = {**self.options, **disturbance.options}
-        if self.box_detector is not None and not detects_itself(self.specs[policy]):
+    def _job(self, policy: str, environment: str, disturbance: Disturbance, seed: int) -> DetectJob:
+        """Return the job of an episode, without what decides it."""
+        spec, given = self.specs[policy], dict(self.options)
+        if self.box_detector is not None and not detects_itself(spec):
             given["detector"] = self.box_detector
         fixed_s = {**scenario_options(environment), **given}.get("dt_s")
         step_s, pace = pace_of(self.frames, self.every_s, (disturbance.delay_ms or 0.0) / 1000, fixed_s)
-        one_thread = {} if is_recordings_folder(environment) else {"threads": 1}
-        return {**one_thread, **given, "dt_s": step_s}, pace
+        cell = Cell(policy, disturbance.condition(environment), seed, pace.cycles)
+        return DetectJob(cell, {**given, "dt_s": step_s}, spec, "", pace=pace, selection=self.selection)
 
 
 def detects_itself(spec: PolicySpec) -> bool:

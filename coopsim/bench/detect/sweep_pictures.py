@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from coopsim.bench.detect.detect_plan import DetectJob, DetectPlan
 from coopsim.bench.detect.episode import pace_in, receiving
 from coopsim.bench.detect.perceived import Perceived, PerceivedFiles
 from coopsim.bench.detect.ranking import SURE
+from coopsim.bench.grid.cell import environment_options
 from coopsim.catalog import is_recordings_folder, parallel_env
 from coopsim.errors import InvalidValueError
 from coopsim.support.files import make_folder
@@ -51,16 +53,18 @@ def draw_measured(plan: DetectPlan, episodes: Path, out: Path) -> Iterator[Path]
 
 
 def _draw_episode(job: DetectJob, perceived: Perceived, out: Path, reach_m: float) -> Iterator[Path]:
-    options = {name: value for name, value in job.options.items() if name not in ("detector", "embedder")}
-    with closing(parallel_env(job.environment, detector="none", expose_ground_truth=True, **options)) as env:
-        pace, names, row = pace_in(job.environment, env, job.pace), receiving(env, job.selection), 0
-        for number, frame in enumerate(env.frames(job.seed)):
+    environment, seed = job.cell.condition.scenario, job.cell.seed
+    whole = environment_options(replace(job.cell, frames=None), job.options)
+    options = {name: value for name, value in whole.items() if name not in ("detector", "embedder")}
+    with closing(parallel_env(environment, detector="none", expose_ground_truth=True, **options)) as env:
+        pace, names, row = pace_in(environment, env, job.pace), receiving(env, job.selection), 0
+        for number, frame in enumerate(env.frames(seed)):
             measured = not frame.last and pace.measures(number)
             for name in (each for each in names if measured and each in frame.agents):
                 if row == perceived.receiver_frames:
                     return
                 (sweep,) = frame.agents[name].observation.sweeps.values()
-                sequence = env.sequences[job.seed % len(env.sequences)]
+                sequence = env.sequences[seed % len(env.sequences)]
                 title = f"{sequence}, {frame.time_ns / NS_PER_S:.1f} s, {name}, {job.policy.text}"
                 path = out / f"{sequence.replace('/', '-')}-{number:04d}-{name}-{job.key[:6]}.png"
                 yield draw_sweep(path, sweep.points, perceived, row, title, reach_m)

@@ -14,15 +14,16 @@ import traceback
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 import coopsim
 from coopsim.bench.evaluate import Evaluation, evaluate
 from coopsim.bench.grid.cell import Cell, CellResult, environment_options
-from coopsim.bench.grid.policies import arithmetic_of
+from coopsim.bench.grid.policies import arithmetic_of, of_cell
 from coopsim.bench.isolated.isolation import Isolation
+from coopsim.bench.store.closure import RUN
 from coopsim.bench.store.fingerprint import Sources, changed_parts, fingerprint, key_of, package_versions
 from coopsim.catalog import PolicySpec
 from coopsim.episode import Recorder
@@ -33,68 +34,6 @@ from coopsim.support.checks import require_count
 from coopsim.support.user_code import SOURCE, load_source
 
 _ADDRESS = re.compile(r"\b0x[0-9a-f]{4,}")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Job:
-    """A cell and everything that is needed to run it, as plain data.
-
-    Attributes:
-        options: options of its environment, besides the condition.
-        decided_by: the cell's `fingerprint`.
-        metrics: registered metrics of its result, besides the built-in ones.
-        isolation: separation of the policy from the world.
-    """
-
-    cell: Cell
-    options: Mapping[str, Any]
-    policy: PolicySpec
-    decided_by: str
-    metrics: tuple[MetricSpec, ...] = ()
-    isolation: Isolation = Isolation()
-
-    @classmethod
-    def of(
-        cls,
-        cell: Cell,
-        options: Mapping[str, Any],
-        policy: PolicySpec,
-        metrics: tuple[MetricSpec, ...] = (),
-        isolation: Isolation = Isolation(),  # noqa: B008  (frozen)
-        sources: Sources | None = None,
-    ) -> Job:
-        """Make the job of a cell; `sources` as of `fingerprint`."""
-        decided_by = fingerprint(cell, options, policy, metrics, isolation.as_data(), sources)
-        return cls(cell, options, policy, decided_by, metrics, isolation)
-
-    @property
-    def arithmetic(self) -> str:
-        """The arithmetic of the cell's networks, see `arithmetic_of`."""
-        trusted = not (self.isolation.as_data() and self.policy.place)
-        return arithmetic_of(self.policy, self.options.get("detector"), trusted=trusted)
-
-    @property
-    def key(self) -> str:
-        """Key of the job's result in a store."""
-        return key_of(self.decided_by)
-
-    def run(self) -> Outcome:
-        """Run the cell; see `run_job`. It is lost if anything is not as it was when the job, and its key, were made."""
-        outcome = run_job(self)
-        try:
-            now = fingerprint(self.cell, self.options, self.policy, self.metrics, self.isolation.as_data())
-        except Exception:  # its policy cannot be imported here, which is its outcome
-            return outcome
-        changed = changed_parts(self.decided_by, now)
-        return self.lost(f"{changed} changed since the benchmark began, or differs here") if changed else outcome
-
-    def died(self, how: str) -> Outcome:
-        """Return the outcome where the process died. `how` differs between engines, so it is not in the result."""
-        return Outcome(self, CellResult(self.cell, traceback="the process that ran this cell died\n"), {"died": how})
-
-    def lost(self, how: str) -> Outcome:
-        """Return the outcome where the cell was not run, for no fault of its own."""
-        return Outcome(self, CellResult(self.cell, traceback="the cell was not run\n"), {"died": how}, lost=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,6 +61,102 @@ class Outcome:
         """The cause of the failure in one line, with the end of its process if that died; None if it did not fail."""
         how = self.circumstances.get("died")
         return self.result.reason if how is None else f"{self.result.reason}: {how}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Job:
+    """A cell and everything that is needed to run it, as plain data.
+
+    Attributes:
+        options: options of its environment, besides the condition.
+        decided_by: the cell's `fingerprint`.
+        metrics: registered metrics of its result, besides the built-in ones.
+        isolation: separation of the policy from the world.
+        root: module from which all of a run is imported.
+        noun: word for a run in messages.
+        outcome: class of its outcomes.
+    """
+
+    root: ClassVar[str] = RUN
+    noun: ClassVar[str] = "cell"
+    outcome: ClassVar[type[Outcome]] = Outcome
+
+    cell: Cell
+    options: Mapping[str, Any]
+    policy: PolicySpec
+    decided_by: str
+    metrics: tuple[MetricSpec, ...] = ()
+    isolation: Isolation = Isolation()
+
+    @classmethod
+    def of(
+        cls,
+        cell: Cell,
+        options: Mapping[str, Any],
+        policy: PolicySpec,
+        metrics: tuple[MetricSpec, ...] = (),
+        isolation: Isolation = Isolation(),  # noqa: B008  (frozen)
+        sources: Sources | None = None,
+    ) -> Job:
+        """Make the job of a cell of a policy; `sources` as of `fingerprint`.
+
+        Raises:
+            InvalidValueError: the condition sets a parameter that the policy's text has, too.
+        """
+        policy = of_cell(policy, cell.condition, trusted=not (isolation.as_data() and policy.place))
+        job = cls(cell, options, policy, "", metrics, isolation)
+        return replace(job, decided_by=job.fingerprint(sources))
+
+    def fingerprint(self, sources: Sources | None = None) -> str:
+        """Return all that decides the outcome now, as text."""
+        apart = self.isolation.as_data()
+        return fingerprint(self.cell, self.inputs, self.policy, self.metrics, apart, sources, self.root)
+
+    @property
+    def inputs(self) -> Mapping[str, Any]:
+        """The options, and what else decides the outcome."""
+        return self.options
+
+    @property
+    def arithmetic(self) -> str:
+        """The arithmetic of the cell's networks, see `arithmetic_of`."""
+        trusted = not (self.isolation.as_data() and self.policy.place)
+        settings = dict(self.cell.condition.settings)
+        return arithmetic_of(self.policy, settings.get("detector", self.options.get("detector")), trusted=trusted)
+
+    @property
+    def key(self) -> str:
+        """Key of the job's result in a store."""
+        return key_of(self.decided_by)
+
+    def run(self) -> Outcome:
+        """Run the cell. It is lost if anything is not as it was when the job, and its key, were made."""
+        before, sources = set(sys.modules), Sources()
+        outcome = self.perform()
+        try:
+            now = self.fingerprint(sources)
+        except Exception:  # its policy cannot be imported here, which is its outcome
+            return outcome
+        if changed := changed_parts(self.decided_by, now):
+            return self.lost(f"{changed} changed since the command began, or differs here")
+        if unknown := sources.uncounted(sys.modules.keys() - before):
+            return self.lost(f"it loaded {', '.join(unknown)}, which its key does not count")
+        return outcome
+
+    def perform(self) -> Outcome:
+        """Run the cell, see `run_job`."""
+        return run_job(self)
+
+    def died(self, how: str) -> Outcome:
+        """Return the outcome where the process died. `how` differs between engines, so it is not in the result."""
+        return self._failed(f"the process that ran this {self.noun} died\n", how)
+
+    def lost(self, how: str) -> Outcome:
+        """Return the outcome where the cell was not run, for no fault of its own."""
+        return self._failed(f"the {self.noun} was not run\n", how, lost=True)
+
+    def _failed(self, traceback: str, how: str, *, lost: bool = False) -> Outcome:
+        return self.outcome(self, CellResult(self.cell, traceback=traceback), {"died": how}, lost)
 
 
 def run_job(job: Job, recorders: Sequence[Recorder] = ()) -> Outcome:

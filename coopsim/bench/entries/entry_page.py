@@ -12,7 +12,7 @@ import numpy as np
 
 from coopsim.bench.entries.entry_folder import HEADINGS, EntryFolder
 from coopsim.bench.entries.fixed_run import SCORED, SHOWN
-from coopsim.bench.grid.cell import short_label
+from coopsim.bench.grid.labels import short_label
 from coopsim.bench.report.bench_text import (
     BYTES_TITLE,
     difference_text,

@@ -22,9 +22,10 @@ from coopsim.bench.engine.engine import Engine
 from coopsim.bench.entries.entry_files import work_folder
 from coopsim.bench.entries.entry_folder import OURS, EntryFolder
 from coopsim.bench.entries.score_file import SAME, floats, read_scores, write_scores
-from coopsim.bench.grid.cell import Cell, CellResult, label
+from coopsim.bench.grid.cell import Cell, CellResult
 from coopsim.bench.grid.grid import ATTRIBUTES, Grid
 from coopsim.bench.grid.grid_file import find_grid
+from coopsim.bench.grid.labels import label
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.store.fingerprint import package_versions
 from coopsim.errors import LeaderboardEntryError
@@ -67,6 +68,8 @@ class FixedRun:
         """Digest of everything that is fixed, so that scores of an older run are known."""
         grid = self.grid()
         fixed = {name: getattr(grid, name) for name in ATTRIBUTES if name != "policies"}
+        if not grid.axes:  # as before there were any
+            del fixed["axes"]
         return hashlib.sha256(json.dumps(fixed, sort_keys=True, default=list).encode()).hexdigest()[:16]
 
     def cells(self, name: str) -> dict[str, Cell]:

@@ -1,4 +1,5 @@
 """Grid of a benchmark: lists of policies, conditions and seeds go in, as arguments, presets or files; cells come out.
 
-Start at `Grid` in `grid.py`; `cell.py` has the conditions, and the options of the environment that they become.
+Start at `Grid` in `grid.py`; `axis.py` has the options that vary, with their units; `cell.py` the conditions, and the
+options of the environment that they become; `labels.py` their names in tables.
 """

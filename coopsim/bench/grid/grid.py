@@ -8,38 +8,30 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
+from coopsim.bench.grid.axis import ATTACKS, AXES, HEADING, POSITION, USUAL, Axis, axis_of
 from coopsim.bench.grid.cell import Cell, Condition
 from coopsim.bench.grid.policies import PROCESSOR, detector_on, name_all, policy_on, require_device
 from coopsim.bench.store.fingerprint import plain_options
 from coopsim.catalog import PolicySpec
 from coopsim.errors import InvalidValueError
-from coopsim.interfaces.attack_option import spell_attacks
 from coopsim.support.checks import (
     MOST_RUNS,
     as_runs,
     require_choice,
     require_count,
-    require_non_negative,
-    require_number,
-    require_probability,
 )
 
 _MOST_SEED = 2**63 - 1
 """Largest seed that fits an integer column of the store."""
 
 _NOT_OPTIONS: Mapping[str, str] = {
-    "latency_s": "latencies_ms",
-    "loss": "losses",
-    "position_noise_m": "position_noises_m",
-    "heading_noise_rad": "heading_noises_deg",
     "max_cycles": "frames",
     "seed": "seeds",
-    "attacks": "attacks",
     "uplink": "policies, each of which has its own",
     "threads": "workers",
     "record": "`coopsim record`",
 }
-"""Options of an environment that are set by another part of the grid, and by which."""
+"""Options of an environment that are set by another part of the grid, and by which: neither options nor axes of it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,8 +50,13 @@ class Grid:
         bandwidths_mbit_s: rates of the medium that all agents share, 1e6 bit/s; infinite: transmission takes no time.
         penetrations: shares of the other cars that are connected; None: the environment's own.
         attacks: lies of agents, each as "cav_1=ghost(ahead_m=15) + rsu_0=remove"; "none" or empty: all are honest.
-        vary: "product", or "one_by_one": in each condition at most one of latency, loss, pose, bandwidth,
-            penetration and attacks is not at the mildest value of its list. With `pose="together"` both noises are one.
+        axes: values of further options of environments, by name; those of inner options by dots, as
+            `weather.rain_mm_h`, and of policies' parameters as `policy.hits`, for the policies that have it. The lists
+            above are short forms of `latency_s`, `loss`, `position_noise_m`, `heading_noise_rad`,
+            `channel.bandwidth.rate_bit_s`, `penetration` and `attacks`.
+        vary: "product", or "one_by_one": in each condition at most one axis is not at the mildest value of its list.
+            With `pose="together"` both noises are one. Of `axes` without a short form the mildest are null, then the
+            smallest number (the largest of a budget or a range) and the first name by the alphabet.
         seeds: each decides everything in a run.
         frames: length of each run; None: the episode's own.
         options: further options of the environments, plain data, the same in all cells.
@@ -81,6 +78,7 @@ class Grid:
     bandwidths_mbit_s: Sequence[float] = (math.inf,)
     penetrations: Sequence[float | None] = (None,)
     attacks: Sequence[str] = ("",)
+    axes: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     vary: Literal["product", "one_by_one"] = "product"
     seeds: Sequence[int] = (0,)
     frames: int | None = 100
@@ -99,12 +97,11 @@ class Grid:
         require_device(self.device)
         object.__setattr__(self, "policies", tuple(policy_on(self.device, text) for text in named))
         object.__setattr__(self, "left_out", left_out)
-        for name in ("latencies_ms", "position_noises_m", "heading_noises_deg"):
-            _check_each(name, getattr(self, name), require_non_negative)
-        _check_each("losses", self.losses, require_probability)
-        _check_each("bandwidths_mbit_s", self.bandwidths_mbit_s, _require_rate)
-        _check_each("penetrations", [each for each in self.penetrations if each is not None], require_probability)
-        object.__setattr__(self, "attacks", tuple(_spelled(each) for each in self.attacks))
+        for axis in AXES:
+            for value in getattr(self, axis.short):
+                if not (value is None and axis.usual is None):
+                    axis.require(**{axis.short: value})
+        object.__setattr__(self, "attacks", tuple(map(axis_of(ATTACKS).clean, self.attacks)))
         for seed in self.seeds:
             require_count(0, _MOST_SEED, seeds=seed)
         if self.frames is not None:
@@ -116,34 +113,27 @@ class Grid:
                 "pose must be 'product' where position_noises_m and heading_noises_deg differ in length, got "
                 f"'together' with {len(self.position_noises_m)} and {len(self.heading_noises_deg)}"
             )
-        for name in set(LISTS) - {"position_noises_m", "heading_noises_deg"}:
+        self._check_options()
+        for name in ("policies", "scenarios", "seeds"):
             _require_distinct(name, getattr(self, name))
-        _require_distinct("position_noises_m with heading_noises_deg", tuple(self._poses()))
+        for group in self._groups():
+            _require_distinct(group.given, [each if len(each) > 1 else each[0] for each in group.values])
         if len(self) > MOST_RUNS:
             raise InvalidValueError(
                 f"seeds, policies and conditions must make at most {MOST_RUNS:,} cells, got {len(self):,}"
             )
-        self._check_options()
 
     def __len__(self) -> int:
         return len(self.policies) * len(list(self.conditions())) * len(self.seeds)
 
     def conditions(self) -> Iterator[Condition]:
         """Yield the conditions; the last list varies fastest, and `vary` decides which are left out."""
-        for scenario, latency_ms, loss, (position_m, heading_deg), rate, connected, lies in itertools.product(
-            self.scenarios,
-            self.latencies_ms,
-            self.losses,
-            self._poses(),
-            self.bandwidths_mbit_s,
-            self.penetrations,
-            self.attacks,
-        ):
-            share = None if connected is None else float(connected)
-            numbers = latency_ms / 1000, float(loss), float(position_m), float(heading_deg), rate * 1e6
-            condition = Condition(scenario, *numbers, share, lies)
-            if self.vary == "product" or self._disturbances(condition) <= 1:
-                yield condition
+        groups = self._groups()
+        options = [axis.option for group in groups for axis in group.axes]
+        for scenario, *values in itertools.product(self.scenarios, *(group.values for group in groups)):
+            disturbed = sum(group.disturbs(value) for group, value in zip(groups, values, strict=True))
+            if self.vary == "product" or disturbed <= 1:
+                yield Condition(scenario, zip(options, itertools.chain(*values), strict=True))
 
     def cells(self) -> tuple[Cell, ...]:
         """Return all cells, by condition, then policy, then seed."""
@@ -153,66 +143,82 @@ class Grid:
             for condition, policy, seed in itertools.product(self.conditions(), self.policies, self.seeds)
         )
 
-    def _poses(self) -> Iterator[tuple[float, float]]:
-        pairs = zip if self.pose == "together" else itertools.product
-        yield from pairs(self.position_noises_m, self.heading_noises_deg)
-
-    def _disturbances(self, condition: Condition) -> int:
-        """Count the numbers of a condition that are not at the mildest of their list."""
-        position = condition.position_noise_m > min(self.position_noises_m)
-        heading = condition.heading_noise_deg > min(self.heading_noises_deg)
-        pose = position or heading if self.pose == "together" else position + heading
-        others = (
-            condition.latency_s > min(self.latencies_ms) / 1000,
-            condition.loss > min(self.losses),
-            condition.bandwidth_bit_s < max(self.bandwidths_mbit_s) * 1e6,
-            _share(condition.penetration) < max(map(_share, self.penetrations)),
-            condition.attacks != self.attacks[0],
-        )
-        return pose + sum(others)
+    def _groups(self) -> list[_Group]:
+        """Return the axes with their values; those that vary together are one group."""
+        groups = []
+        for axis in AXES:
+            named = axis.option in self.axes
+            short = [None if each is None else axis.from_short(each) for each in getattr(self, axis.short)]
+            values = self.axes[axis.option] if named else short
+            given = axis.option if named else axis.short
+            groups.append(_Group(given, (axis,), [(axis.clean(each),) for each in values]))
+        if self.pose == "together":
+            k = next(k for k, group in enumerate(groups) if group.given == "position_noises_m")
+            groups[k : k + 2] = [groups[k].along(groups[k + 1])]
+        further = {option: values for option, values in self.axes.items() if option not in USUAL}
+        made = [(axis_of(option, values), values) for option, values in further.items()]
+        return [*groups, *(_Group(axis.option, (axis,), [(each,) for each in values]) for axis, values in made)]
 
     def _check_options(self) -> None:
-        if not isinstance(self.options, Mapping):
-            raise InvalidValueError(f"options must be names and values, got {self.options!r}")
-        for name, instead in _NOT_OPTIONS.items():
-            if name in self.options:
-                raise InvalidValueError(f"{name} is not an option here: use {instead}")
-        made = {name: detector_on(self.device, each) for name, each in self.options.items() if name == "detector"}
-        object.__setattr__(self, "options", plain_options({**self.options, **made}))
+        """Check `options` and `axes`, and make them plain data."""
+        for given, of in (("options", "values"), ("axes", "lists of values")):
+            if not isinstance(getattr(self, given), Mapping):
+                raise InvalidValueError(f"{given} must be names and {of}, got {getattr(self, given)!r}")
+        axes = {str(name): as_runs(**{str(name): values}) for name, values in self.axes.items()}
+        for name in (*self.options, *axes):
+            if name in _NOT_OPTIONS:
+                raise InvalidValueError(f"{name} is not an option here: use {_NOT_OPTIONS[name]}")
+        for axis in AXES:
+            if axis.option in self.options and axis.usual is not None:
+                raise InvalidValueError(f"{axis.option} is not an option here: use {axis.short}")
+            if axis.option in axes and len(getattr(self, axis.short)) > 1:
+                raise InvalidValueError(f"{axis.option} must be given once, got it among axes, and {axis.short}")
+        if self.pose == "together" and {POSITION, HEADING} & axes.keys():
+            raise InvalidValueError("pose must be 'product' where its noises are among axes, got 'together'")
+        for twice in sorted(self.options.keys() & axes.keys()):
+            raise InvalidValueError(f"{twice} must be given once, got it among options and axes")
+        options = dict(self.options)
+        if "detector" in options:
+            options["detector"] = detector_on(self.device, options["detector"])
+        if "detector" in axes:
+            axes["detector"] = tuple(detector_on(self.device, each) for each in axes["detector"])
+        object.__setattr__(self, "options", plain_options(options))
+        object.__setattr__(self, "axes", {name: tuple(each) for name, each in plain_options(axes).items()})
+
+
+@dataclass(frozen=True, slots=True)
+class _Group:
+    """Axes that vary together, by the name they were given, with the values of each step."""
+
+    given: str
+    axes: tuple[Axis, ...]
+    values: list[tuple[Any, ...]]
+
+    def along(self, other: _Group) -> _Group:
+        """Return one group of two with as many values."""
+        values = [(*mine, *theirs) for mine, theirs in zip(self.values, other.values, strict=True)]
+        return _Group(f"{self.given} with {other.given}", self.axes + other.axes, values)
+
+    def disturbs(self, step: tuple[Any, ...]) -> bool:
+        """Return whether any value of a step is not the mildest."""
+        for k, axis in enumerate(self.axes):
+            harms = [axis.harm(axis.shown(each[k])) for each in self.values]
+            if axis.harm(axis.shown(step[k])) > min(harms):
+                return True
+        return False
 
 
 ATTRIBUTES = tuple(each.name for each in fields(Grid) if each.init)
 """The attributes that are given, in order."""
 
-LISTS = tuple(name for name in ATTRIBUTES if name not in ("pose", "vary", "frames", "options", "device"))
+LISTS = tuple(name for name in ATTRIBUTES if name not in ("pose", "axes", "vary", "frames", "options", "device"))
 """The attributes that are lists."""
-
-
-def _spelled(attacks: object) -> str:
-    """Return attacks as one text; empty for "none"."""
-    if not isinstance(attacks, str):
-        raise InvalidValueError(f'attacks must be texts like "cav_1=ghost + rsu_0=remove" or "none", got {attacks!r}')
-    return "" if attacks == "none" else spell_attacks(attacks)
 
 
 def _require_distinct(name: str, values: Sequence[Any]) -> None:
     met = set[Any]()
     for value in values:
-        if value in met:
+        met_as = repr(value) if isinstance(value, (list, tuple, Mapping)) else value
+        if met_as in met:
             raise InvalidValueError(f"{name} must be distinct, got {value!r} twice")
-        met.add(value)
-
-
-def _share(penetration: float | None) -> float:
-    """Return a penetration as a number; infinite for the environment's own, which is no disturbance."""
-    return math.inf if penetration is None else penetration
-
-
-def _check_each(name: str, values: Sequence[Any], check: Any) -> None:
-    for value in values:
-        check(**{name: value})
-
-
-def _require_rate(**values: Any) -> None:
-    # Less than a bit per second is a mistake, and its airtime may not fit the clock.
-    require_number(">= 1e-6 (inf: no limit)", lambda rate: rate >= 1e-6, **values)
+        met.add(met_as)

@@ -26,6 +26,9 @@ PRESETS = tuple(sorted(path.stem for path in _PRESETS.glob("*.yaml")))
 _WORLDS = "environments"
 """Key of the command line's name for `Grid.scenarios`."""
 
+_MERGED = ("options", "axes")
+"""Keys whose values are merged by name with those that are given beside a file."""
+
 _ABOUT = {
     "policies": r"(unknown )?(parameter of )?policy\b",
     "scenarios": r"unknown environment\b|there is no scenario",
@@ -35,8 +38,8 @@ _ABOUT = {
 
 @dataclass(frozen=True, slots=True)
 class GridSource:
-    """The origin of a grid: a file, if there is one, and attributes that override the file's; `options` are merged by
-    name.
+    """The origin of a grid: a file, if there is one, and attributes that override the file's; `options` and
+    `axes` are merged by name.
     """
 
     file: Section
@@ -50,8 +53,9 @@ class GridSource:
             InvalidValueError: an overriding value is not accepted.
         """
         given = {**self.file, **self.overrides}
-        if self.file.get("options") is not None and "options" in self.overrides:
-            given["options"] = {**self.file["options"], **self.overrides["options"]}
+        for name in _MERGED:
+            if self.file.get(name) is not None and name in self.overrides:
+                given[name] = {**self.file[name], **self.overrides[name]}
         if not given.get("policies"):
             presets = ", ".join(PRESETS)
             raise InvalidValueError(f"policies must be at least one; name them, or take a preset ({presets}) or a file")
@@ -62,7 +66,7 @@ class GridSource:
 
     def blame(self, error: CoopsimError) -> CoopsimError:
         """Return the error, with file and line if a value of the file caused it."""
-        overridden = {*self.overrides, *self.overrides.get("options", ())}
+        overridden = {*self.overrides, *(name for merged in _MERGED for name in self.overrides.get(merged, ()))}
         keys = [key for key in _ABOUT if key in self.file and key not in overridden]
         about = next((key for key in keys if re.match(_ABOUT[key], str(error))), None)
         place = self.file.blame(error, overridden) if about is None else self.file.place(about)
@@ -113,8 +117,8 @@ def find_grid(
 def _refuse_code(file: Section, overrides: Mapping[str, Any]) -> None:
     """Refuse code that a file names, such as policies, planners and attacks, where nothing takes its place."""
     for key, value in file.items():
-        if key == "options" and isinstance(value, Mapping):
-            value = {name: each for name, each in value.items() if name not in overrides.get("options", {})}
+        if key in _MERGED and isinstance(value, Mapping):
+            value = {name: each for name, each in value.items() if name not in overrides.get(key, {})}
         elif overrides.get(key):
             continue
         if (code := code_in(value)) is not None:

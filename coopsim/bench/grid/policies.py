@@ -5,14 +5,19 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from coopsim.bench.grid.axis import POLICY
 from coopsim.catalog import POLICIES, PolicySpec
 from coopsim.config.spec import parse_spec, spell_spec
 from coopsim.detection.detector import DETECTORS
 from coopsim.errors import InvalidValueError, WeightsNotShippedError
 from coopsim.support.precision import arithmetic
+
+if TYPE_CHECKING:
+    from coopsim.bench.grid.cell import Condition
 
 ALL = "all"
 
@@ -46,6 +51,28 @@ def _reason(name: str) -> str:
     except WeightsNotShippedError as error:
         return str(error)
     return ""
+
+
+def of_cell(spec: PolicySpec, condition: Condition, *, trusted: bool = True) -> PolicySpec:
+    """Return a cell's policy with the parameters that its condition sets, if it has them.
+
+    The class of a policy that is not `trusted` is not imported here, and is taken to have them.
+
+    Raises:
+        InvalidValueError: one is among the policy's own parameters.
+    """
+    named = {option.removeprefix(POLICY): value for option, value in condition.settings if option.startswith(POLICY)}
+    for name in named:
+        if name in spec.parameters:
+            raise InvalidValueError(f"{POLICY}{name} must be given once, got it as an axis and in {spec.text!r}")
+    taken = {name: value for name, value in named.items() if not trusted or takes(spec, name)}
+    return replace(spec, parameters={**spec.parameters, **taken}) if taken else spec
+
+
+def takes(spec: PolicySpec, name: str) -> bool:
+    """Return whether a policy has a parameter, or takes whatever it is given."""
+    parameters = inspect.signature(spec.policy_class()).parameters
+    return name in parameters or any(each.kind is each.VAR_KEYWORD for each in parameters.values())
 
 
 PROCESSOR = "cpu"

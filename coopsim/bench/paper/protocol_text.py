@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from coopsim.bench.grid.cell import AXES
+from coopsim.bench.grid.labels import axes_of
 from coopsim.bench.paper.provenance import Provenance, TrainingPlaces
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import LEVEL
@@ -65,12 +64,12 @@ def _world(table: ResultTable, provenance: Provenance) -> list[str]:
 
 def _conditions(table: ResultTable, provenance: Provenance) -> list[str]:
     lines = []
-    for axis in AXES:
-        if all(getattr(condition, axis.field) is None for condition in table.conditions):
-            continue
+    for axis in axes_of(table.conditions):
         values = sorted({axis.value(condition) for condition in table.conditions}, key=axis.harm)
-        shown = [f"{value:g}" if math.isfinite(value) else axis.endless for value in values]
-        lines.append(f"{axis.name} ({axis.unit}): {', '.join(shown)}")
+        if values == [""]:  # as where nobody lies
+            continue
+        shown = [axis.own_text(value).removesuffix(f" {axis.unit}") for value in values]
+        lines.append(f"{axis.heading}: {', '.join(shown)}")
     ways = {
         "product": "every value with every other",
         "one_by_one": "one at a time, all others at their mildest value",

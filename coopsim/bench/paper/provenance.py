@@ -106,12 +106,16 @@ class Provenance:
 
 
 def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {name: _plain(each) for name, each in value.items()}
     if isinstance(value, tuple):
         return [_INFINITE if each == math.inf else each for each in value]
     return value
 
 
 def _numbers(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {name: _numbers(each) for name, each in value.items()}
     return [math.inf if each == _INFINITE else each for each in value] if isinstance(value, list) else value
 
 

@@ -8,10 +8,12 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
-from coopsim.bench.grid.cell import Axis, Condition, mildest, mildest_along, varying_axes
+from coopsim.bench.grid.axis import Axis
+from coopsim.bench.grid.cell import Condition
+from coopsim.bench.grid.labels import mildest, mildest_along, varying_axes
 from coopsim.bench.report.bench_text import BYTES_TITLE, form_of, format_value, interval_beside
 from coopsim.bench.report.formats import to_csv_text
 from coopsim.bench.results.result_table import ResultTable, known_mean, named
@@ -69,8 +71,8 @@ def latex_tables(table: ResultTable, metrics: Sequence[str]) -> dict[str, str]:
 
 def _by_axis(table: ResultTable, metric: str, axis: Axis) -> list[_Column]:
     """Return a column for each value of an axis, the mildest first."""
-    places: dict[float, list[int]] = {}
-    texts: dict[float, str] = {}
+    places: dict[float | str, list[int]] = {}
+    texts: dict[float | str, str] = {}
     for k in mildest_along(axis, table.conditions):
         condition = table.conditions[k]
         places.setdefault(axis.value(condition), []).append(k)
@@ -184,7 +186,7 @@ def interval_csv(table: ResultTable, metrics: Sequence[str]) -> str:
     groups += [(condition, (k,)) for k, condition in enumerate(table.conditions)]
     rows: list[dict[str, Any]] = []
     for condition, numbers in groups:
-        where = {each.name: None for each in fields(Condition)} if condition is None else asdict(condition)
+        where = table.columns(condition)
         for metric in metrics:
             for policy, entry in zip(table.policies, compare_with_best(table, metric, numbers), strict=True):
                 rows.append(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coopsim.bench.grid.cell import mildest
+from coopsim.bench.grid.labels import mildest
 from coopsim.bench.paper.tables import short_names
 from coopsim.bench.report.bytes_axis import place_bytes
 from coopsim.bench.results.result_table import ResultTable, known_mean

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coopsim.bench.grid.cell import Axis, mildest_along, values_of, varying_axes
+from coopsim.bench.grid.axis import Axis
+from coopsim.bench.grid.labels import mildest_along, values_of, varying_axes
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.support.svg import line_style, name_ticks, to_svg
 
@@ -47,14 +48,14 @@ def _plot(table: ResultTable, metric: str, axis: Axis) -> str:
 
 def _panel(panel: Any, table: ResultTable, metric: str, axis: Axis, scenario: str) -> None:
     values = table.values(metric)
-    chosen = sorted(
+    steps = sorted(
         (axis.value(table.conditions[k]), k)
         for k in mildest_along(axis, table.conditions)
         if table.conditions[k].scenario == scenario
     )
+    names = values_of(axis, [table.conditions[k] for _, k in steps])
+    chosen = [(float(list(names).index(value) if axis.named else value), k) for value, k in steps]
     if axis.named:
-        names = values_of(axis, [table.conditions[k] for _, k in chosen])
-        chosen = [(float(list(names).index(value)), k) for value, k in chosen]
         name_ticks(panel, list(names.values()))
     known = [value for value, _ in chosen if math.isfinite(value)]
     # No limit stands to the right of the largest value, on a logarithmic axis.
@@ -71,6 +72,6 @@ def _panel(panel: Any, table: ResultTable, metric: str, axis: Axis, scenario: st
         panel.errorbar(places, means, whiskers, label=name, **look)
     if endless:
         panel.set_xscale("log")
-        panel.set_xticks(places, [f"{value:g}" if math.isfinite(value) else "no limit" for value, _ in chosen])
+        panel.set_xticks(places, [f"{value:g}" if math.isfinite(value) else axis.endless for value, _ in chosen])
         panel.minorticks_off()
     panel.grid(alpha=0.25)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from coopsim.bench.grid.cell import label, values_of, varying_axes
+from coopsim.bench.grid.labels import label, values_of, varying_axes
 from coopsim.bench.report.bench_tables import condition_table, failures, leaderboard
 from coopsim.bench.report.bench_text import COUNTS_TITLE, METHODS_TITLE, interval_kinds
 from coopsim.bench.report.clips import Clip
@@ -184,7 +184,7 @@ def _data(table: ResultTable, played: Played) -> dict[str, Any]:
             {
                 "title": axis.title,
                 "label": axis.label,
-                "values": list(range(len(each))) if axis.named else [_json(value) for value in each],
+                "values": list(range(len(each))) if axis.named else [_json(float(value)) for value in each],
                 "texts": list(each.values()),
                 "named": axis.named,
                 "mildest": list(each).index(min(each, key=axis.harm)),

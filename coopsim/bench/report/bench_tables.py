@@ -6,7 +6,7 @@ import html
 import math
 from collections.abc import Sequence
 
-from coopsim.bench.grid.cell import name_of_cell, short_label
+from coopsim.bench.grid.labels import name_of_cell, short_label
 from coopsim.bench.report.bench_text import (
     BYTES_TITLE,
     LEAST_DISTURBED,

@@ -11,7 +11,7 @@ import numpy as np
 from tabulate import tabulate
 
 from coopsim.bench.evaluate import Evaluation
-from coopsim.bench.grid.cell import label, name_of_cell, short_label
+from coopsim.bench.grid.labels import label, name_of_cell, short_label
 from coopsim.bench.report.formats import to_csv_text
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import standings
@@ -77,7 +77,7 @@ def to_csv(table: ResultTable) -> str:
             {
                 "policy": cell.policy,
                 **({"bound": result.bound} if table.bounds else {}),
-                **asdict(cell.condition),
+                **table.columns(cell.condition),
                 "seed": cell.seed,
                 **({"place_seed": result.place_seed} if drawn else {}),
                 "frames": cell.frames,
@@ -99,7 +99,7 @@ def to_rows(table: ResultTable) -> list[dict[str, Any]]:
     return [
         {
             "policy": policy,
-            **_finite(asdict(condition)),
+            **_finite(table.columns(condition)),
             "metrics": {
                 name: _finite({key: asdict(table.interval(name, values[p, c]))[key] for key in ("mean", "low", "high")})
                 for name, values in metrics.items()

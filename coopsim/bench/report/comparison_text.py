@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import fields
 from typing import Any
 
 from tabulate import tabulate
 
-from coopsim.bench.grid.cell import Condition, label
+from coopsim.bench.grid.cell import Condition, columns_of, further_options
+from coopsim.bench.grid.labels import label
 from coopsim.bench.report.bench_text import format_p_value
 from coopsim.bench.report.formats import to_csv_text
 from coopsim.bench.results.comparison import Comparison, Difference
@@ -50,10 +50,11 @@ def to_text(comparison: Comparison) -> str:
 
 def to_rows(comparison: Comparison) -> list[dict[str, Any]]:
     """Return a flat row per difference, unrounded; unknown ends of an interval are None."""
+    further = further_options(_conditions(comparison))
     return [
         {
             "policy": row.policy,
-            **{name: None if row.condition is None else _plain(getattr(row.condition, name)) for name in _FIELDS},
+            **{name: _plain(value) for name, value in columns_of(row.condition, further).items()},
             "metric": row.metric,
             "a": row.before,
             "b": row.after,
@@ -87,9 +88,6 @@ def to_dict(comparison: Comparison) -> dict[str, Any]:
 def to_csv(comparison: Comparison) -> str:
     """Format the rows as CSV; a row without scenario is over all conditions."""
     return to_csv_text(to_rows(comparison))
-
-
-_FIELDS = tuple(field.name for field in fields(Condition))
 
 
 def _plain(value: str | float) -> str | float | None:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from coopsim.bench.grid.cell import label
+from coopsim.bench.grid.labels import label
 from coopsim.bench.report.bench_text import form_of
 from coopsim.bench.report.keys import SCENE, keys_html
 from coopsim.bench.report.lie_pairs import FilmedLie, LiePair, joined
@@ -39,8 +38,8 @@ def lies_section(filmed: Sequence[FilmedLie], notes: Sequence[str], table: Resul
 def _figure(number: int, data: int, filmed: FilmedLie, table: ResultTable) -> str:
     pair = filmed.pair
     cell = pair.attacked.cell
-    honest = [replace(each, attacks="") for each in table.conditions]
-    where = f"{label(replace(cell.condition, attacks=''), honest)}, seed {cell.seed}, {cell.policy}"
+    honest = [each.changed(attacks="") for each in table.conditions]
+    where = f"{label(cell.condition.changed(attacks=''), honest)}, seed {cell.seed}, {cell.policy}"
     change = _cost(pair)
     panels = "".join(
         f'<div><p><b>{name}</b> <span class="dim">{html.escape(about)}</span></p>'

@@ -110,7 +110,7 @@ def _costly(table: ResultTable, metric: str, count: int, known: set[tuple[str, s
     pairs: list[LiePair] = []
     while len(pairs) < count and weights.max(initial=0.0) > 0:
         policy, condition, seed = (int(k) for k in np.unravel_index(weights.argmax(), weights.shape))
-        honest = table.conditions.index(replace(table.conditions[condition], attacks=""))
+        honest = table.conditions.index(table.conditions[condition].changed(attacks=""))
         pair = _pair(runs[policy, honest, seed], runs[policy, condition, seed], metric)
         pairs += [] if pair is None else [pair]
         same = attacks == attacks[condition], scenarios == scenarios[condition]
@@ -125,7 +125,7 @@ def _losses(table: ResultTable, metric: str) -> Floats:
     values = -table.values(metric) if less_is_better(metric) else table.values(metric)
     losses = np.zeros(values.shape)
     for k, condition in enumerate(table.conditions):
-        twin = replace(condition, attacks="")
+        twin = condition.changed(attacks="")
         if condition.attacks and twin in table.conditions:
             losses[:, k] = np.nan_to_num(values[:, table.conditions.index(twin)] - values[:, k])
     losses[[k for k, name in enumerate(table.policies) if name in table.bounds]] = 0.0

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from coopsim.bench.grid.cell import NOBODY_LIES
+from coopsim.bench.grid.axis import NOBODY_LIES
 from coopsim.bench.report.bench_text import difference_text, form_of, format_value, markdown_table
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import bootstrap_difference
@@ -57,11 +57,11 @@ def _scores(table: ResultTable, metric: str) -> str:
 
 
 def _costs(table: ResultTable, metric: str) -> str:
-    honest = {replace(each, attacks=""): k for k, each in enumerate(table.conditions) if not each.attacks}
+    honest = {each.changed(attacks=""): k for k, each in enumerate(table.conditions) if not each.attacks}
     values = table.values(metric)
     rows = []
     for attack, conditions in _attacks(table):
-        pairs = [(k, honest.get(replace(table.conditions[k], attacks=""))) for k in conditions]
+        pairs = [(k, honest.get(table.conditions[k].changed(attacks=""))) for k in conditions]
         if attack == NOBODY_LIES or any(before is None for _, before in pairs):
             continue
         changed = [values[:, k] - values[:, before] for k, before in pairs if before is not None]

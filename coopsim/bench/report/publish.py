@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from coopsim.bench.engine.job import Job, run_job
-from coopsim.bench.grid.cell import NOBODY_LIES, Cell, CellResult
+from coopsim.bench.grid.axis import NOBODY_LIES
+from coopsim.bench.grid.cell import Cell, CellResult
 from coopsim.bench.grid.grid import LISTS
 from coopsim.bench.isolated.isolation import FRAME_LIMIT_S, Isolation
 from coopsim.bench.paper.protocol_text import protocol_text
@@ -116,6 +117,7 @@ def _about(provenance: Provenance, title: str) -> About:
     lists = {name: grid[name] for name in LISTS if grid.get(name, [None]) != [None]}
     settings = {_with_unit(name): ", ".join(map(_short, values)) for name, values in lists.items()}
     settings |= {name: str(grid[name]) for name in ("vary", "frames") if grid.get(name) is not None}
+    settings |= {option: ", ".join(map(_short, values)) for option, values in grid.get("axes", {}).items()}
     settings |= {name: str(value) for name, value in grid.get("options", {}).items()}
     if software:
         settings["versions"] = ", ".join(f"{name} {number}" for name, number in software.items())
@@ -157,7 +159,15 @@ def make_rerun(
 
     def run(cell: Cell, *recorders: Recorder) -> CellResult:
         try:
-            if not trust and (code := code_in([cell.policy, cell.condition.as_dict(), dict(options)])) is not None:
+            if (
+                not trust
+                and (
+                    code := code_in(
+                        [cell.policy, list(cell.condition.settings), cell.condition.scenario, dict(options)]
+                    )
+                )
+                is not None
+            ):
                 raise InvalidValueError(f"it names code, {code!r}, which is run only with --trust")
             refuse_writing(options, "the results' options")
             apart = Isolation(FRAME_LIMIT_S if isolation else None)

@@ -7,11 +7,12 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.bench.grid.cell import CellResult, Condition
+from coopsim.bench.grid.cell import CellResult, Condition, columns_of, further_options
 from coopsim.bench.results.statistics import Interval, mean_interval, rate_interval
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.geometry.se3 import Floats
@@ -115,6 +116,10 @@ class ResultTable:
             samples_of(ordered, tuple(seeds)),
             tuple(asked),
         )
+
+    def columns(self, condition: Condition | None) -> dict[str, Any]:
+        """Return a condition's columns, the same for all conditions; their values are None for none."""
+        return columns_of(condition, further_options(self.conditions))
 
     @property
     def finished(self) -> NDArray[np.bool_]:

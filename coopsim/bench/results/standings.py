@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from coopsim.bench.grid.cell import CellResult, Condition, mildest
+from coopsim.bench.grid.cell import CellResult, Condition
+from coopsim.bench.grid.labels import mildest
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import LEVEL, Interval, largest_difference_p_values
 from coopsim.geometry.se3 import Floats

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from coopsim.bench.grid.cell import varying_axes
+from coopsim.bench.grid.axis import ATTACKS
+from coopsim.bench.grid.labels import varying_axes
 from coopsim.bench.report.bench_text import difference_text, form_of
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.safety.paired import Change, along, by_world, compare_runs
@@ -43,11 +44,11 @@ def lie_costs(table: ResultTable) -> Iterator[LieCost]:
 
     A pair is a situation with a seed. Attacks that come only together with another disturbance have no honest twin.
     """
-    axis = next((each for each in varying_axes(table.conditions) if each.named and not each.along), None)
+    axis = next((each for each in varying_axes(table.conditions) if each.option == ATTACKS and not each.along), None)
     if axis is None or CRASH not in table.metrics:
         return
     for attack, conditions in along(table, axis)[1:]:
-        twins = [replace(table.conditions[k], attacks="") for k in conditions]
+        twins = [table.conditions[k].changed(attacks="") for k in conditions]
         honest = [table.conditions.index(each) for each in twins if each in table.conditions]
         for policy in _listening(table) if len(honest) == len(conditions) else ():
             found = {name: _change(table, name, policy, honest, conditions) for name in (CRASH, *COSTS)}

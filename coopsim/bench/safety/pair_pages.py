@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.bench.grid.cell import label
+from coopsim.bench.grid.labels import label
 from coopsim.bench.report.keys import FALSE_NOTE, SCENE, keys_html
 from coopsim.bench.report.scene import boxes_data, frame_data, home_of, map_data, tracks_data
 from coopsim.bench.results.result_table import ResultTable

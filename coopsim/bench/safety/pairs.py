@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from coopsim.bench.benchmark import check
-from coopsim.bench.grid.cell import Cell, CellResult, mildest
+from coopsim.bench.grid.cell import Cell, CellResult
 from coopsim.bench.grid.grid import Grid
+from coopsim.bench.grid.labels import mildest
 from coopsim.bench.report.clips import RunCell, pairs_in_time
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.safety.recording import Recording, record

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coopsim.bench.grid.cell import Axis, varying_axes
+from coopsim.bench.grid.axis import Axis
+from coopsim.bench.grid.labels import varying_axes
 from coopsim.bench.report.bytes_axis import place_bytes
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import Interval

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from coopsim.bench.grid.cell import varying_axes
+from coopsim.bench.grid.labels import varying_axes
 from coopsim.bench.report.bench_text import difference_text, form_of, format_value, markdown_table
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import Interval, holm

@@ -6,19 +6,21 @@ import hashlib
 import json
 import os
 import platform
+import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
-from functools import cache, lru_cache
+from functools import cache
 from importlib.metadata import PackageNotFoundError, distributions, packages_distributions, version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import coopsim
+from coopsim.bench.grid.axis import ATTACKS
 from coopsim.bench.grid.cell import Cell, scenario_options
-from coopsim.bench.grid.policies import arithmetic_of
+from coopsim.bench.grid.policies import arithmetic_of, device_of_detector, has_network
+from coopsim.bench.store.closure import RUN, Package, code_files, digest_of_file, scan
 from coopsim.catalog import SCENARIO_SUFFIXES, PolicySpec, is_recordings_folder
 from coopsim.config.spec import parse_spec
 from coopsim.config.yaml_file import path_from, read_yaml
@@ -31,7 +33,7 @@ from coopsim.support.user_code import modules_beside
 if TYPE_CHECKING:
     from coopsim.bench.engine.job import MetricSpec
 
-LAYOUT = 2
+LAYOUT = 3
 """Raise this number when equal inputs give other results or another file."""
 
 _PACKAGES = ("numpy", "numba", "scipy", "highway-env", "embreex", "torch")
@@ -46,7 +48,7 @@ _MOST_NAMES = 2**20
 _MOST_ITEMS = 1_000_000
 """Most items of a list among options, which are all written into every cell's file."""
 
-_CODE_SUFFIXES = (".py", ".yaml", ".yml", ".json", ".csv", ".toml", ".safetensors")
+_WORD = re.compile(r"[\w-]+")
 
 
 def fingerprint(
@@ -56,42 +58,58 @@ def fingerprint(
     metrics: Sequence[MetricSpec] = (),
     isolation: Mapping[str, Any] | None = None,
     sources: Sources | None = None,
+    root: str = RUN,
 ) -> str:
     """Return everything that decides the result of a cell, as JSON with sorted keys.
 
     That is the cell, the options of the environment, the contents of files that they or the policy's parameters name,
-    as weights of networks, and the code: coopsim's version, sources and weights, those of the package or file of a
-    user's policy and metrics and of all plug-ins that any of these name, `package_versions`, and Python's version. So
-    is the arithmetic of networks on their devices and, where there are cameras, the renderer that draws. A policy in a
-    process of its own (`isolation`) is not imported here. `sources` keeps digests for other cells of the same run.
+    as weights of networks, and the code: coopsim's version, those of its sources and weights that the run can import
+    (`coopsim.bench.store.closure`), the sources of the package or file of a user's policy and metrics and of all
+    plug-ins that any of these name, `package_versions`, and Python's version. So is the arithmetic of networks on their
+    devices and, where there are cameras, the renderer that draws. A policy in a process of its own (`isolation`) is not
+    imported here.
+
+    `sources` keeps digests for other cells of the same run. `root` is the module from which all of a run is imported.
     """
     sources, kind = sources or Sources(), None if isolation and policy.place else policy.policy_class()
-    # A version alone would not do: sources under development keep theirs.
-    code: dict[str, Any] = {"coopsim": {"version": coopsim.__version__, "sources": sources.digest("coopsim")}}
+    code: dict[str, Any] = {}
     named_code = [("policy", kind.__module__ if kind else policy.place, policy.source)]
     named_code += [(f"metric {metric.name}", metric.module, metric.source) for metric in metrics]
+    texts, modules = list[str](), [root]
     for name, module, source in named_code:
         package = module.partition(".")[0]
         if source is not None:
             code[name] = _digest(source.encode())
             beside = modules_beside(policy.place, source) if name == "policy" else ()
             code |= {f"{path.stem} beside the policy": _digest("\0".join(_files_of(path)).encode()) for path in beside}
+            texts += [source, *(text for path in beside for text in _texts_of(path))]
         elif package != "coopsim":
             code[package] = sources.described(package)
+        else:
+            modules.append(module)
     plain, needs = plain_options(options), getattr(kind, "needs", None)
-    lies = {agent: list(attacks) for agent, attacks in attacks_by_agent(cell.condition.attacks or None).items()}
-    named = (cell.condition.scenario, plain, dict(policy.parameters), *([lies] if lies else []))
+    settings = dict(cell.condition.settings)
+    lies = {agent: list(attacks) for agent, attacks in attacks_by_agent(settings.get(ATTACKS)).items()}
+    named = (policy.target, cell.condition.scenario, plain, dict(policy.parameters), lies, settings)
     contents = {path: Path(path).read_bytes() for path in sorted(set(named_files(named)))}
     said = [repr((named, needs, recorders_read())).encode(), *(content[:_MOST_NAMES] for content in contents.values())]
     for package in _plug_ins(b"\n".join(said)):
         code[package] = sources.described(package)
+    used = {**plain, **settings}
+    networks = (kind is not None and has_network(kind)) or device_of_detector(used.get("detector")) is not None
+    networks |= any(path.endswith(".safetensors") for path in contents)
+    anything = any(isinstance(each, dict) for each in code.values())  # a package may import what it likes
+    ours = sources.of_run(None if anything else modules, b" ".join(said).decode(errors="replace"), texts, networks)
+    code["coopsim"] = {"version": coopsim.__version__, "sources": ours}
     code |= {"packages": package_versions(), "python": platform.python_version()}
-    code["arithmetic"] = arithmetic_of(policy, plain.get("detector"), trusted=kind is not None)
-    if kind is None or _has_cameras(cell.condition.scenario, plain, needs):
-        code["renderer"] = _renderer(str(plain.get("renderer", "auto")))
+    used = {**plain, **settings}
+    code["arithmetic"] = arithmetic_of(policy, used.get("detector"), trusted=kind is not None)
+    if kind is None or _has_cameras(cell.condition.scenario, used, needs):
+        code["renderer"] = _renderer(str(used.get("renderer", "auto")))
+    condition = {"scenario": cell.condition.scenario, **settings}
     decided = {
         "layout": LAYOUT,
-        "cell": {**asdict(cell), "condition": cell.condition.as_dict()},
+        "cell": {"policy": cell.policy, "condition": condition, "seed": cell.seed, "frames": cell.frames},
         "options": plain,
         "metrics": sorted(metric.name for metric in metrics),
         "code": code,
@@ -110,16 +128,49 @@ def changed_parts(before: str, now: str) -> str:
 
 
 class Sources:
-    """The sources of packages as they are when they are first asked for: one for the cells of one run."""
+    """The sources of packages as they are when they are first asked for: one for the cells of one run.
+
+    Attributes:
+        counted: the modules of coopsim that were found in runs.
+    """
 
     def __init__(self) -> None:
         self._digests: dict[str, str] = {}
+        self._package: Package | None = None
+        self._runs: dict[tuple[frozenset[str], frozenset[str], bool], str] = {}
+        self.counted = set[str]()
 
     def digest(self, package: str) -> str:
         """Return a digest of the sources, data and weights of a package, 64 hexadecimal digits."""
         if package not in self._digests:
             self._digests[package] = package_digest(package)
         return self._digests[package]
+
+    def of_run(self, modules: Sequence[str] | None, said: str, texts: Sequence[str], networks: bool) -> str:
+        """Return a digest of those of coopsim's sources and weights that a run can import, 64 hexadecimal digits.
+
+        Args:
+            modules: modules that the run begins from; None: it may import all.
+            said: all that names parts of the run.
+            texts: further code that it runs.
+            networks: it has networks, whatever is said.
+        """
+        package = self._package = self._package or Package()
+        scans = [scan(text) for text in texts]
+        roots = package.names if modules is None else {*modules, *package.imported_by(scans)}
+        named = package.named(_WORD.findall(" ".join([said, *texts])))
+        networks |= modules is None or bool(texts) or package.has_networks(named)
+        asked = frozenset(roots), named, networks
+        if asked not in self._runs:
+            found = package.imports(roots, named, networks=networks)
+            self.counted |= found
+            self._runs[asked] = package.digest(found, networks=networks)
+        return self._runs[asked]
+
+    def uncounted(self, modules: Iterable[str]) -> list[str]:
+        """Return those of coopsim's among some modules that no run of these sources was found to import."""
+        known = set[str]() if self._package is None else set(self._package.names)
+        return sorted(known.intersection(modules) - self.counted)
 
     def described(self, package: str) -> dict[str, Any]:
         """Return the versions of a package's distributions, and its digest."""
@@ -236,25 +287,18 @@ def _sources(package: str) -> Iterator[str]:
 def _files_of(root: Path) -> Iterator[str]:
     """Yield the digest of a file, or names and digests of a folder's files of code and data."""
     if not root.is_dir():
-        yield _digest_of_file(root)
+        yield digest_of_file(root)
         return
-    for folder, folders, names in os.walk(root, followlinks=True):
-        folders.sort()
-        for name in sorted(names):
-            if name.endswith(_CODE_SUFFIXES):
-                path = Path(folder, name)
-                yield path.relative_to(root).as_posix()
-                yield _digest_of_file(path)
+    for path in code_files(root):
+        yield path.relative_to(root).as_posix()
+        yield digest_of_file(path)
 
 
-def _digest_of_file(path: Path) -> str:
-    state = path.stat()
-    return _digest_of_state(path, state.st_mtime_ns, state.st_size)
-
-
-@lru_cache(maxsize=100_000)
-def _digest_of_state(path: Path, _modified_ns: int, _size: int) -> str:
-    return _digest(path.read_bytes())
+def _texts_of(path: Path) -> Iterator[str]:
+    """Yield the texts of a file of code, or of those in a folder."""
+    for each in code_files(path) if path.is_dir() else [path]:
+        if each.suffix == ".py":
+            yield each.read_text(encoding="utf-8", errors="replace")
 
 
 def _has_cameras(scenario: str, options: Mapping[str, Any], needs: Any) -> bool:

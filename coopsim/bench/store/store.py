@@ -11,7 +11,7 @@ import hashlib
 import json
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -156,12 +156,13 @@ _SCHEMA = pa.schema(
     [
         ("policy", pa.string()),
         ("scenario", pa.string()),
+        ("settings", pa.string()),  # of the condition, as JSON; the next seven are copies for readers
         ("latency_s", pa.float64()),
         ("loss", pa.float64()),
         ("position_noise_m", pa.float64()),
         ("heading_noise_deg", pa.float64()),
         ("bandwidth_bit_s", pa.float64()),
-        ("penetration", pa.float64()),  # only where it is set, as the next
+        ("penetration", pa.float64()),
         ("attacks", pa.string()),
         ("seed", pa.int64()),
         ("frames", pa.int64()),
@@ -184,7 +185,8 @@ def encode(result: CellResult, decided_by: str) -> bytes:
     """Encode a result, and its cell's `fingerprint`, as the content of a file."""
     cell = result.cell
     row = {
-        **cell.condition.as_dict(),
+        **{name: value for name, value in cell.condition.columns().items() if name in _SCHEMA.names},
+        "settings": json.dumps(dict(cell.condition.settings)),
         "policy": cell.policy,
         "seed": cell.seed,
         "frames": cell.frames,
@@ -199,9 +201,7 @@ def encode(result: CellResult, decided_by: str) -> bytes:
         "bound": result.bound,
         "decided_by": decided_by,
     }
-    unset = {"penetration", "attacks"} - row.keys()
-    schema = pa.schema([column for column in _SCHEMA if column.name not in unset])
-    table = pa.Table.from_pylist([{**row, "checksum": _checksum(row)}], schema)
+    table = pa.Table.from_pylist([{**row, "checksum": _checksum(row)}], _SCHEMA)
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, compression="zstd")
     return bytes(sink.getvalue())
@@ -217,9 +217,8 @@ def decode(content: bytes) -> tuple[CellResult, str]:
         row = _row(content)
         if row.pop("checksum") != _checksum(row):
             raise StoreError("its checksum is another")
-        condition = Condition(**{field.name: row[field.name] for field in fields(Condition) if field.name in row})
         result = CellResult(
-            Cell(row["policy"], condition, row["seed"], row["frames"]),
+            Cell(row["policy"], _condition(row), row["seed"], row["frames"]),
             row["values"],
             row["agents"],
             np.array(row["rewards"], np.float64),
@@ -235,6 +234,13 @@ def decode(content: bytes) -> tuple[CellResult, str]:
         raise
     except (pa.ArrowException, OSError, ValueError, TypeError, KeyError) as error:
         raise StoreError(str(error).splitlines()[0] if str(error) else type(error).__name__) from error
+
+
+def _condition(row: Mapping[str, Any]) -> Condition:
+    """Return the condition of a row; older files have its columns alone."""
+    if "settings" in row:
+        return Condition(row["scenario"], json.loads(row["settings"]))
+    return Condition(**{name: row[name] for name in Condition().columns() if name in row})
 
 
 def _arithmetic(row: Mapping[str, Any]) -> str:

@@ -16,6 +16,7 @@ from coopsim.support.checks import require_between
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.custom.clearance import MiddleLines, along_outline, convex
+from coopsim.world.furniture.free_ground import rectangle_at
 from coopsim.world.furniture.furnish import line_pieces, size_m
 from coopsim.world.furniture.kinds import KINDS, Kind
 from coopsim.world.places.description import MapBuilding, MapFurniture, MapTree, MapWall
@@ -251,8 +252,6 @@ def _ground(piece: MapFurniture, kind: Kind) -> Floats:
     if kind.along:
         points = np.array(piece.along, dtype=np.float64)
         return np.concatenate([line_pieces(points, _SAMPLE_M)[0], points])
-    length, width = kind.ground_m
-    heading, at = np.radians(piece.heading_deg or 0.0), np.array(piece.at, dtype=np.float64)
-    ahead, left = np.array([[exact.cos(heading), exact.sin(heading)], [-exact.sin(heading), exact.cos(heading)]])
-    corners = [(a * length / 2, b * width / 2) for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
-    return np.array([at, *(at + a * ahead + b * left for a, b in corners)])
+    at = np.array([piece.at], dtype=np.float64)
+    corners = rectangle_at(at, np.array(kind.ground_m), float(np.radians(piece.heading_deg or 0.0)))
+    return np.concatenate([at, corners])

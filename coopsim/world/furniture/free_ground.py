@@ -249,7 +249,7 @@ def _foot(part: StaticPart) -> list[Floats]:
     if np.ptp(part.vertices[:, 2]) < _UPRIGHT_M or low_m > _HEAD_M:
         return []
     if part.boxes is not None and part.closed:
-        found = [_rectangle(box[:2], box[3:5], float(box[6])) for box in part.boxes if box[2] < box[5] / 2 + _HEAD_M]
+        found = [rectangle_at(box[:2], box[3:5], float(box[6])) for box in part.boxes if box[2] < box[5] / 2 + _HEAD_M]
         if found:
             return found
     below = part.vertices[part.vertices[:, 2] < low_m + _HEAD_M]
@@ -263,7 +263,7 @@ def _crown(part: StaticPart) -> list[Floats]:
     """Return the outline (4, 2) m of foliage over people's heads."""
     if part.boxes is None or part.opacity == 1 or part.vertices[:, 2].max() <= _HEAD_M + 1.0:
         return []
-    return [_rectangle(box[:2], box[3:5], float(box[6])) for box in part.boxes]
+    return [rectangle_at(box[:2], box[3:5], float(box[6])) for box in part.boxes]
 
 
 def _ways_in(yard: Floats) -> Floats:
@@ -306,15 +306,16 @@ def _sweep_m(lane: Lane) -> float:
 
 def _bay_outline(bay: Bay) -> Floats:
     size = _USUAL_BAY_M if bay.label is None else _BAY_M.get(bay.label, _USUAL_BAY_M)
-    return _rectangle(np.array([bay.x_m, bay.y_m]), np.array(size), bay.heading_rad)
+    return rectangle_at(np.array([bay.x_m, bay.y_m]), np.array(size), bay.heading_rad)
 
 
 def _outline(bystander: Bystander) -> Floats:
     size = np.array([bystander.length_m, bystander.width_m])
-    return _rectangle(np.array([bystander.x_m, bystander.y_m]), size, bystander.heading_rad)
+    return rectangle_at(np.array([bystander.x_m, bystander.y_m]), size, bystander.heading_rad)
 
 
-def _rectangle(middle: Floats, size: Floats, yaw: float) -> Floats:
+def rectangle_at(middle: Floats, size: Floats, yaw: float) -> Floats:
+    """Return the corners (4, 2) m of a rectangle around a place, of extents (2,) m ahead and across."""
     ahead, left = np.array([[exact.cos(yaw), exact.sin(yaw)], [-exact.sin(yaw), exact.cos(yaw)]])
     corners = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) * size / 2
     rectangle: Floats = middle + corners[:, :1] * ahead + corners[:, 1:] * left

@@ -63,8 +63,8 @@ class MapLane:
             piece is as wide as its narrower end.
         speed_m_s: limit; None: 11, of loops 5.5.
         priority: others give way.
-        left: nodes of the lane on the left in the same direction, which has the same neighbours.
-        right: the same on the right. Drivers keep their lanes; the neighbours are for planners and exports.
+        left: nodes of the lane on the left in the same direction, whose `right` is this one.
+        right: likewise on the right. Drivers keep their lanes; neighbours are kept as maps have them.
     """
 
     start: str = field(metadata={"key": "from"})
@@ -104,7 +104,7 @@ class MapWays:
     Attributes:
         nodes: points by name.
         ways: lists of nodes along each.
-        crosswalks: the same over roads.
+        crosswalks: ways over roads, in this form.
     """
 
     nodes: Mapping[str, Point]
@@ -219,7 +219,7 @@ class PlaceDescription:
         rsus: places for roadside units, in order.
         mast_m: height of their masts; None: 5.
         drones_around: middle of the circles of drones; None: that of all nodes.
-        furniture: what is seen in full detail; None: drawn where full detail is asked for.
+        furniture: pieces, seen in full detail; None: drawn where full detail is asked for.
         kerb_m: height of pavements over the road; those of `paved` must be 0.5 m from the middle of every lane.
         crown: fall of the roads to both sides, m per m, from 8 m behind junctions on.
         humps: speed humps.

@@ -11,6 +11,7 @@ import numpy as np
 
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
+from coopsim.geometry.taken_ground import TakenGround
 from coopsim.support.rng import stream
 from coopsim.world.places.description import (
     MapArea,
@@ -22,7 +23,6 @@ from coopsim.world.places.description import (
     point_of,
 )
 from coopsim.world.towns.buildings import Part
-from coopsim.world.towns.geometry import TakenGround
 from coopsim.world.towns.kerbs import Round
 from coopsim.world.towns.pavements import PeopleWays
 from coopsim.world.towns.plan import Plan

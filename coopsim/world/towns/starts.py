@@ -121,7 +121,7 @@ def bring_near(
     far. If the first ones are still too far apart, other cars come first, as far apart from each other as possible.
 
     Args:
-        starts: by rank.
+        starts: starts by rank.
         spots: (N, 2) m, places of the starts.
         masts: places for roadside units.
     """

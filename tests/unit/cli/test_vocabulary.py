@@ -160,7 +160,9 @@ def script(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_rows_of_a_benchmark_are_json_for_every_policy_and_condition() -> None:
     cells = [
-        Cell("no_fusion", Condition("crossing", latency_s), seed, 5) for latency_s in (0.0, 0.3) for seed in (0, 1)
+        Cell("no_fusion", Condition("crossing", latency_s=latency_s), seed, 5)
+        for latency_s in (0.0, 0.3)
+        for seed in (0, 1)
     ]
     results = [CellResult(cell, values={"AMOTA": 10.0 * cell.seed, "MOTP": float("nan")}) for cell in cells]
     rows = to_rows(ResultTable.of(results))

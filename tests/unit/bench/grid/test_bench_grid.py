@@ -14,11 +14,11 @@ import coopsim
 from coopsim.agents.perceiving_policy import PerceivingPolicy
 from coopsim.bench.benchmark import check
 from coopsim.bench.grid.cell import Cell, Condition, environment_options
-from coopsim.bench.grid.grid import ATTRIBUTES, Grid
+from coopsim.bench.grid.grid import Grid
 from coopsim.bench.grid.grid_file import PRESETS, find_grid
 from coopsim.catalog import PolicySpec
 from coopsim.cli.arguments import Parser
-from coopsim.cli.bench_commands import BENCH
+from coopsim.cli.bench_commands import BENCH, flag_values
 from coopsim.comms.channel.channel_config import channel_config
 from coopsim.errors import CoopsimError, GridFileError, InvalidValueError, UnknownNameError, WeightsNotShippedError
 from coopsim.learn.clips.world_recipe import WorldRecipe
@@ -269,7 +269,12 @@ def test_one_by_one_counts_both_noises_of_a_pose_as_one_only_together() -> None:
 
 
 def test_a_condition_becomes_options() -> None:
-    cell = Cell("late_fusion", Condition("crossing", 0.2, 0.1, 0.3, 0.5), 0, 50)
+    cell = Cell(
+        "late_fusion",
+        Condition("crossing", latency_s=0.2, loss=0.1, position_noise_m=0.3, heading_noise_deg=0.5),
+        0,
+        50,
+    )
     plain = environment_options(cell, {"vehicles": 8, "weather": {"rain_mm_h": 5}})
     assert (plain["latency_s"], plain["loss"], plain["position_noise_m"]) == (0.2, 0.1, 0.3)
     assert plain["heading_noise_rad"] == math.radians(0.5) and plain["max_cycles"] == 50
@@ -280,7 +285,9 @@ def test_a_bandwidth_changes_nothing_else_of_the_channel() -> None:
     """The whole channel that a limit needs has the latency, loss, jitter and range that the plain options make."""
     given = {"latency_jitter_s": 0.02, "communication_range_m": 80.0}
     narrow, free = (
-        environment_options(Cell("late_fusion", Condition("crossing", 0.2, 0.1, bandwidth_bit_s=rate)), given)
+        environment_options(
+            Cell("late_fusion", Condition("crossing", latency_s=0.2, loss=0.1, bandwidth_bit_s=rate)), given
+        )
         for rate in (1e5, math.inf)
     )
     limited = channel_config(narrow["channel"])
@@ -350,6 +357,6 @@ def test_the_page_of_situations_counts_the_cells_of_its_command() -> None:
     parser = Parser()
     BENCH.add_arguments(parser)
     options = parser.parse_args(words[2:])
-    given = {name: value for name in ATTRIBUTES if (value := getattr(options, name, None)) is not None}
+    given = flag_values(options)
     cells, whole = len(list(find_grid("safety", **given).grid().cells())), len(list(find_grid("safety").grid().cells()))
     assert f"These are {cells:,} cells" in page and f"The whole preset has {whole:,}." in page

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from synthetic_results import EFFECTS, FRAMES, LATENCIES, failed, result, results
 
-from coopsim.bench.grid.cell import Cell, CellResult, Condition, label, mildest, varying_axes
+from coopsim.bench.grid.cell import Cell, CellResult, Condition
+from coopsim.bench.grid.labels import label, mildest, varying_axes
 from coopsim.bench.report.bench_report import About, render_bench_report
 from coopsim.bench.report.bench_text import to_markdown
 from coopsim.bench.results.result_table import ResultTable

@@ -11,7 +11,9 @@ from coopsim.bench.safety.safety_text import to_safety_markdown
 from tests.helpers.crashes import crash_results
 
 GHOST = "cav_1=ghost"
-CONDITIONS = [Condition(name, late, attacks=lie) for name in ("a", "b") for late in (0.0, 0.3) for lie in ("", GHOST)]
+CONDITIONS = [
+    Condition(name, latency_s=late, attacks=lie) for name in ("a", "b") for late in (0.0, 0.3) for lie in ("", GHOST)
+]
 
 
 def _crashes(policy: str, condition: Condition, seed: int) -> bool:

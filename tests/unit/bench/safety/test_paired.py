@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from coopsim.bench.grid.cell import AXES, Axis, Condition
+from coopsim.bench.grid.axis import AXES, Axis
+from coopsim.bench.grid.cell import Condition
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.safety.paired import along, calm, change, gone_at, rank_correlation
 from tests.helpers.crashes import RATES, crash_results
@@ -34,7 +35,7 @@ def test_the_gain_is_gone_where_it_stays_away() -> None:
         return policy == "no_fusion" or (policy != "truth" and condition.latency_s > 0.2)
 
     table = ResultTable.of(crash_results(crashes, conditions))
-    axis = next(each for each in AXES if each.field == "latency_s")
+    axis = next(each for each in AXES if each.option == "latency_s")
     assert gone(table, "late_fusion", axis) == "300 ms"
     assert gone(table, "truth", axis) == "not in these"
 
@@ -48,7 +49,7 @@ def gone(table: ResultTable, policy: str, axis: Axis) -> str:
 def test_where_no_gain_is_shown_there_is_none_to_lose() -> None:
     conditions = [Condition("merge", latency_s=each) for each in (0.0, 0.3)]
     table = ResultTable.of(crash_results(lambda policy, condition, seed: seed < 2, conditions))
-    axis = next(each for each in AXES if each.field == "latency_s")
+    axis = next(each for each in AXES if each.option == "latency_s")
     assert gone(table, "late_fusion", axis) == "0 ms: no gain shown"
 
 
@@ -59,7 +60,7 @@ def test_of_attacks_those_are_named_that_take_the_gain() -> None:
         return policy == "no_fusion" or (policy != "truth" and "remove" in condition.attacks)
 
     table = ResultTable.of(crash_results(crashes, conditions))
-    axis = next(each for each in AXES if each.field == "attacks")
+    axis = next(each for each in AXES if each.option == "attacks")
     assert gone(table, "late_fusion", axis) == "cav_1=remove"
     assert gone(table, "truth", axis) == "none of these"
 

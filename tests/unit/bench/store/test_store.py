@@ -9,17 +9,24 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.store.fingerprint import fingerprint, key_of
-from coopsim.bench.store.store import Store, decode, encode
+from coopsim.bench.store.store import Store, _checksum, _row, decode, encode
 from coopsim.catalog import PolicySpec
 from coopsim.errors import InvalidValueError, StoreError
 
-CELL = Cell("late_fusion(delayed=replay)", Condition("crossing", 0.1, 0.2, 0.3, 0.4, 1e6), 7, 5)
+CELL = Cell(
+    "late_fusion(delayed=replay)",
+    Condition("crossing", latency_s=0.1, loss=0.2, position_noise_m=0.3, heading_noise_deg=0.4, bandwidth_bit_s=1e6),
+    7,
+    5,
+)
 RESULT = CellResult(
     CELL,
     {"MOTA": 61.25, "MOTP": math.nan},
@@ -39,14 +46,32 @@ def same(a: CellResult, b: CellResult) -> bool:
 
 
 CONNECTED = CellResult(Cell("a", Condition(penetration=0.25), frames=None))
+VARIED = CellResult(Cell("a", Condition(settings={"weather.rain_mm_h": 1 / 3, "lidar": None, "rig": ["front"]})))
 
 
-@pytest.mark.parametrize("result", [RESULT, FAILED, CONNECTED, CellResult(Cell("a", Condition()))])
+@pytest.mark.parametrize("result", [RESULT, FAILED, CONNECTED, VARIED, CellResult(Cell("a", Condition()))])
 def test_nothing_is_lost_and_the_bytes_are_the_same(result: CellResult) -> None:
     content = encode(result, "why")
     back, decided_by = decode(content)
     assert decided_by == "why" and same(back, result)
     assert encode(back, decided_by) == content
+
+
+OLD = ("scenario", "latency_s", "loss", "position_noise_m", "heading_noise_deg", "bandwidth_bit_s")
+"""The columns of a condition before it could have any option; two more were there where they were set."""
+
+
+@pytest.mark.parametrize(("result", "more"), [(RESULT, ()), (CONNECTED, ("penetration",))])
+def test_a_file_of_the_older_layout_is_read(result: CellResult, more: tuple[str, ...]) -> None:
+    table = pq.read_table(pa.BufferReader(encode(result, "why")))
+    gone = {"settings", "penetration", "attacks"} - {*more}
+    row = {name: value for name, value in _row(encode(result, "why")).items() if name not in {"checksum", *gone}}
+    assert {*OLD, *more} <= row.keys() and "settings" not in row
+    kept = pa.schema([column for column in table.schema if column.name not in gone])
+    sink = pa.BufferOutputStream()
+    pq.write_table(pa.Table.from_pylist([{**row, "checksum": _checksum(row)}], kept), sink)
+    back, decided_by = decode(bytes(sink.getvalue()))
+    assert decided_by == "why" and same(back, result)
 
 
 @given(st.data())
@@ -122,7 +147,7 @@ def test_all_that_decides_a_result_is_in_its_key(tmp_path: Path) -> None:
         key(),
         key(replace(CELL, seed=8)),
         key(replace(CELL, frames=6)),
-        key(replace(CELL, condition=replace(CELL.condition, loss=0.0))),
+        key(replace(CELL, condition=CELL.condition.changed(loss=0.0))),
         key(options={"vehicles": 8}),
         key(options={"lidar": str(lidar)}),
         key(policy=f"{mine}:P"),
