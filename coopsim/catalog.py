@@ -37,8 +37,6 @@ if TYPE_CHECKING:
 
 NAMESPACE = "coopsim"
 
-ENVIRONMENTS_HOME = "coopsim.envs"
-
 SCENARIO_SUFFIXES = (".yaml", ".yml")
 
 WRITING_OPTIONS = ("record",)
@@ -64,7 +62,7 @@ class _Environments(Registry["Callable[..., CooperativeEnv]"]):
     """Environments, of which each place and each situation that is registered is one."""
 
     def _load_home(self) -> None:
-        makers = importlib.import_module(f"{ENVIRONMENTS_HOME}.makers").makers()
+        makers = importlib.import_module("coopsim.envs.makers").makers()
         for name, make in makers.items():
             versioned = f"{name}-v{VERSION}"
             if versioned not in self._entries:
@@ -183,7 +181,7 @@ def scenario_folder() -> Path:
 
 
 def _scenario_files() -> ModuleType:
-    return importlib.import_module(f"{ENVIRONMENTS_HOME}.simulated.scenario_file")
+    return importlib.import_module("coopsim.envs.simulated.scenario_file")
 
 
 def newest(name: str) -> str:
@@ -288,7 +286,7 @@ def register_with_gymnasium(versioned: str) -> None:
     """Let `gymnasium.make` know an environment, unless it does already."""
     name = f"{NAMESPACE}/{versioned}"
     if name not in registry:
-        register(name, f"{ENVIRONMENTS_HOME}.single_agent_env:SingleAgentEnv", kwargs={"environment": name})
+        register(name, "coopsim.envs.single_agent_env:SingleAgentEnv", kwargs={"environment": name})
 
 
 def register_environments() -> None:

@@ -41,8 +41,9 @@ _IMPORT = re.compile(
 _MODULE = re.compile(r'"(coopsim(?:\.\w+)+)["{:]')
 _QUOTED = re.compile(r'"([\w-]+)"')
 _REGISTERED = re.compile(r'\.register\(\s*"([\w-]+)"|\balias="([\w-]+)"')
-_HOME = re.compile(r'\bhome="([\w.]+)"')
-_LAZY_NAME = re.compile(r'^    "(\w+)": "(coopsim[\w.]*)",$', re.MULTILINE)
+_HOME = re.compile(r'\bhome=\(?((?:\s*"[\w.]+",?)+)')
+_LAZY_NAME = re.compile(r'^ +"(\w+)": "(coopsim[\w.]*)",$', re.MULTILINE)
+_LAZY_NAMES = re.compile(r'\.fromkeys\(\s*\(([^()]*)\),\s*"(coopsim[\w.]*)"')
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,9 +85,17 @@ def scan(text: str) -> Scan:
         if ".register(" in seen
         else frozenset(),
         frozenset(_QUOTED.findall(seen)),
-        frozenset(_HOME.findall(seen)) if "Registry" in seen else frozenset(),
-        dict(_LAZY_NAME.findall(seen)) if is_lazy else {},
+        frozenset(name for names in _HOME.findall(seen) for name in re.findall(r"[\w.]+", names))
+        if "Registry" in seen
+        else frozenset(),
+        _lazy_in(seen) if is_lazy else {},
     )
+
+
+def _lazy_in(text: str) -> dict[str, str]:
+    """Return the modules of lazy names, as a package's table has them: a name a line, or several of one module."""
+    grouped = {name: module for names, module in _LAZY_NAMES.findall(text) for name in _names(names)}
+    return {**dict(_LAZY_NAME.findall(text)), **grouped}
 
 
 def code_files(folder: Path) -> Iterator[Path]:

@@ -96,7 +96,7 @@ def test_a_run_that_loads_what_its_key_does_not_count_is_lost(monkeypatch: pytes
 
     assert not loading("coopsim.metrics.finding").lost
     lost = loading("coopsim.bench.report.keys")
-    assert lost.lost and "it loaded coopsim.bench.report.keys, which its key does not count" in str(lost.reason)
+    assert lost.lost and "coopsim.bench.report.keys, which its key does not count" in str(lost.reason)
 
 
 @pytest.mark.long
