@@ -7,6 +7,7 @@ records that metrics read come out of `env.step` itself, so the loop that users 
 from __future__ import annotations
 
 import time
+import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -26,12 +27,27 @@ if TYPE_CHECKING:
 ByAgent = Mapping[str, Any]
 
 
+class _NotKept:
+    """Attribute that does not keep its value alive: an environment has its episode, and goes when nobody has it."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = f"_{name}"
+
+    def __get__(self, instance: Any, owner: type | None = None) -> Any:
+        if instance is None:
+            raise AttributeError(self._name)  # the field has no default
+        return vars(instance)[self._name]()
+
+    def __set__(self, instance: Any, value: Any) -> None:
+        vars(instance)[self._name] = weakref.ref(value)
+
+
 @dataclass(eq=False)
 class Episode:
     """A running episode, as recorders see it: `env.episode`. They must not change it, and must not step it.
 
     Attributes:
-        env: the environment.
+        env: the environment; None once nobody has it any more.
         seed: seed of the episode.
         frame: the newest frame, with the truth.
         received: what each agent has of it: own data, and the messages that arrived.
@@ -48,7 +64,7 @@ class Episode:
         environment_s: wall time that the environment's steps have taken so far, with the uplinks in it.
     """
 
-    env: CooperativeEnv
+    env: CooperativeEnv = _NotKept()  # type: ignore[assignment]
     seed: int
     frame: Frame
     received: Mapping[str, Observation]
