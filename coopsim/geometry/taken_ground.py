@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
+from coopsim.support.arrays import Ints
 from coopsim.support.kernels import njit
-from coopsim.types import Ints
 
 _MOST_CORNERS = 16
 

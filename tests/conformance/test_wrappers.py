@@ -216,7 +216,7 @@ def test_nothing_but_observations_and_the_map_is_shown(make_small: Make) -> None
     shown, infos = wrapped.reset(seed=3)
     form.begin(SimpleNamespace(agent_specs=env.agent_specs, road_map=env.road_map))
     while True:
-        packed = dict(env._observations)
+        packed = dict(env.episode.observations)
         assert_same([shown], [form.observe_all(packed)])
         for agent in wrapped.agents:
             own = shown[agent]["own"]
@@ -240,7 +240,7 @@ def test_the_map_is_placed_by_the_estimated_pose(make_small: Make) -> None:
     def roads(**noise: Any) -> tuple[Any, Any]:
         env = BevImage(make_small(lidar=None, **noise), channels=("map",))
         pictures, _ = env.reset(seed=0)
-        return pictures["cav_0"], env.unwrapped._observations["cav_0"]["pose"]
+        return pictures["cav_0"], env.unwrapped.episode.observations["cav_0"]["pose"]
 
     exact, _ = roads()
     noisy, pose = roads(position_noise_m=8.0)
