@@ -25,7 +25,7 @@ def make(uplink: str = "action", **options: Any) -> Any:
 def inboxes(env: Any) -> dict[str, Any]:
     """Return the messages in the environment's last observations."""
     inner = env.unwrapped
-    seen = ObservationFormat.to_unpack(inner.agent_specs).unpack_all(inner._observations)
+    seen = ObservationFormat.to_unpack(inner.agent_specs).unpack_all(inner.episode.observations)
     return {name: {message.sender: message for message in each.inbox} for name, each in seen.items()}
 
 
