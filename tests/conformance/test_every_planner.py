@@ -132,4 +132,5 @@ def test_a_planner_in_a_file_is_found_by_its_place(tmp_path: Path) -> None:
 
 def test_planners_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list"]) == 0
-    assert "planners:       idm_aeb" in capsys.readouterr().out
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("planners:"))
+    assert "idm_aeb" in line

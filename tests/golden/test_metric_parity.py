@@ -228,6 +228,7 @@ def test_averages_as_the_nuscenes_kit(seed: int) -> None:
     assert score["AMOTP@2m"] == pytest.approx(amotp_m, abs=TOLERANCE)
 
 
+@pytest.mark.heavy("AB3DMOT tracks 1,134 recorded frames")
 def test_real_recordings(v2v4real: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """AB3DMOT on all recordings: pooled as TrackEval says, and without rivals each as motmetrics says."""
     recorded: dict[int, tuple[Evaluator, list[Frame]]] = {}

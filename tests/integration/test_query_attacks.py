@@ -73,6 +73,7 @@ def rises(attack: str, name: str = "cooptrack") -> list[float]:
 FGSM, BIM, PGD, CW = f"fgsm(eps={EPS})", f"bim(eps={EPS})", f"pgd(eps={EPS})", f"cw(eps={EPS}, weight=1000.0)"
 
 
+@pytest.mark.heavy("an attack on a network that ships")
 @pytest.mark.parametrize("attack", all_of([FGSM, BIM, PGD, CW], FGSM))
 def test_a_spoofed_query_looks_like_a_car_and_the_others_stay(attack: str) -> None:
     for before, after in zip(play(None)[1:], play(attack)[1:], strict=True):

@@ -79,6 +79,7 @@ def test_a_tiny_encoder_learns_four_frames(encoder: Path) -> None:
     assert np.mean(seen[-5:]) < 0.1 * seen[0]
 
 
+@pytest.mark.heavy("a network learns until it knows what it was shown")
 @pytest.mark.usefixtures("fixed_samples")
 def test_a_fusion_learns_four_frames(encoder: Path, tmp_path: Path) -> None:
     recipe = TrainingRecipe(

@@ -24,11 +24,13 @@ from coopsim.bench.grid.policies import (
     detector_on,
     device_of_detector,
     device_of_policy,
+    policy_on,
 )
 from coopsim.bench.store.fingerprint import Sources
 from coopsim.catalog import PolicySpec
 from coopsim.interfaces.attack_option import attacks_by_agent
 from coopsim.support.checks import (
+    as_runs,
     require_count,
     require_positive,
 )
@@ -158,7 +160,10 @@ class DetectPlan:
             device=self.device,
         )
         object.__setattr__(self, "seeds", grid.seeds)
-        object.__setattr__(self, "policies", grid.policies)
+        # Rows are called as the user wrote them.
+        object.__setattr__(
+            self, "policies", tuple(policy_on(self.device, text) for text in as_runs(policies=self.policies))
+        )
         object.__setattr__(self, "attacks", grid.attacks if self.attacks else ())
         require_count(1, frames=self.frames)
         require_positive(every_s=self.every_s)

@@ -113,7 +113,8 @@ def _thinned(lines: Sequence[Mapping[str, Any]], kind: str) -> list[dict[str, fl
 
 def _draw(panel: Any, title: str, curves: Mapping[str, Sequence[tuple[float, float]]]) -> None:
     for name, points in curves.items():
-        panel.plot(*zip(*points, strict=True), label=name, linewidth=1, marker="." if len(points) < 30 else None)
+        label = name.rpartition("/")[2]  # a user's loss is called by the place of its file
+        panel.plot(*zip(*points, strict=True), label=label, linewidth=1, marker="." if len(points) < 30 else None)
     panel.set(xlabel="steps", title=title)
     if title == _LOSSES:
         panel.set_yscale("log")

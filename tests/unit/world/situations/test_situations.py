@@ -112,12 +112,12 @@ def test_the_conflict_is_hidden_from_the_ego_until_it_is_near(name: str) -> None
     env.close()
 
 
-def test_sites_are_found_in_drawn_towns() -> None:
-    for name in ("child_between_cars", "crossing_path"):
-        scenario = situation(name, place="town").of(3)
-        assert scenario.place_seed is not None
-        made = World(scenario, 3, control="acceleration", driven=("cav_0",))
-        assert made.agents()["cav_0"].actor_id in crashed_after(made, 6.0)
+@pytest.mark.parametrize("name", ["child_between_cars", "crossing_path"])
+def test_sites_are_found_in_drawn_towns(name: str) -> None:
+    scenario = situation(name, place="town").of(3)
+    assert scenario.place_seed is not None
+    made = World(scenario, 3, control="acceleration", driven=("cav_0",))
+    assert made.agents()["cav_0"].actor_id in crashed_after(made, 6.0)
 
 
 def test_a_place_without_a_site_is_named_in_one_line() -> None:
