@@ -30,13 +30,11 @@ ByAgent = Mapping[str, Any]
 class _NotKept:
     """Attribute that does not keep its value alive: an environment has its episode, and goes when nobody has it."""
 
-    def __set_name__(self, owner: type, name: str) -> None:
+    def __init__(self, name: str) -> None:
         self._name = f"_{name}"
 
     def __get__(self, instance: Any, owner: type | None = None) -> Any:
-        if instance is None:
-            raise AttributeError(self._name)  # the field has no default
-        return vars(instance)[self._name]()
+        return self if instance is None else vars(instance)[self._name]()
 
     def __set__(self, instance: Any, value: Any) -> None:
         vars(instance)[self._name] = weakref.ref(value)
@@ -64,7 +62,7 @@ class Episode:
         environment_s: wall time that the environment's steps have taken so far, with the uplinks in it.
     """
 
-    env: CooperativeEnv = _NotKept()  # type: ignore[assignment]
+    env: CooperativeEnv
     seed: int
     frame: Frame
     received: Mapping[str, Observation]
@@ -94,6 +92,9 @@ class Episode:
     def go_on(self, frame: Frame, received: Mapping[str, Observation], **newest: Any) -> None:
         """Take over the next frame, and by name what else is new: observations, infos, rewards, lies."""
         vars(self).update(newest, frame=frame, received=received, steps=self.steps + 1)
+
+
+Episode.env = _NotKept("env")  # type: ignore[assignment]  # the field's values go through it
 
 
 class Recorder:
