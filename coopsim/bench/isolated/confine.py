@@ -130,7 +130,13 @@ def _leave_namespaces() -> tuple[bool, bool]:
 def _python() -> list[str]:
     """Return what Python and coopsim are made of: the places of modules, and of compiled kernels."""
     kernels = os.environ.get("NUMBA_CACHE_DIR") or os.path.join(os.path.expanduser("~"), ".cache", "numba")
-    return [sys.prefix, sys.base_prefix, str(Path(__file__).parents[2].resolve()), kernels, *sys.path]
+    return [sys.prefix, sys.base_prefix, *coopsim_folders(), kernels, *sys.path]
+
+
+def coopsim_folders() -> list[str]:
+    """Return the folder of coopsim, and those that links in it lead to, as `agents` and `envs` of a checkout."""
+    whole = Path(__file__).parents[2].resolve()
+    return [str(whole), *(str(each.resolve()) for each in sorted(whole.iterdir()) if each.is_symlink())]
 
 
 def _only_files(readable: Iterable[str]) -> bool:

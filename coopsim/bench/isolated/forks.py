@@ -121,7 +121,7 @@ def _running_server() -> _Server:
 def serve() -> None:
     """Fork and end processes as told, until the process that tells is gone."""
     close_memory()
-    for module in ("coopsim.bench.isolated.guest", "coopsim.agents.boxes"):
+    for module in ("coopsim.bench.isolated.guest", "coopsim.agents.boxes", "coopsim.agents.networks"):
         importlib.import_module(module)
     own_user = other_user_reads()
     gc.freeze()  # so that the processes share this memory

@@ -127,3 +127,11 @@ def test_a_salt_comes_by_an_open_file_that_is_closed(tmp_path: Path) -> None:
     assert Isolation.of(None, handle).salt == b"a secret of enough bytes"
     with pytest.raises(OSError, match="Bad file descriptor"):
         os.fstat(handle)
+
+
+def test_all_of_coopsim_may_be_read_wherever_links_lead() -> None:
+    allowed = [Path(folder) for folder in confine.coopsim_folders()]
+    package = Path(coopsim.__file__).parent
+    files = [path.resolve() for room in ("agents", "envs", "tracking") for path in (package / room).rglob("*.py")]
+    assert len(files) > 50
+    assert all(any(path.is_relative_to(folder) for folder in allowed) for path in files)
