@@ -52,14 +52,6 @@ class LearnedCovariance(BoxCovariance):
     def apply(
         self, groups: DetectionGroups, odom_SE3_base: SE3, odom_SE3_sensors: SE3Batch, known: Mask
     ) -> DetectionGroups:
-        """Return groups with a covariance for every box.
-
-        Args:
-            groups: G groups in the receiver's odometry frame.
-            odom_SE3_base: the receiver's base frame now.
-            odom_SE3_sensors: (G) base frame of each group's agent when it sensed.
-            known: (G,) False in a recording, where all boxes come in one agent's frame.
-        """
         from coopsim.nn.covariance.box_numbers import box_numbers
 
         base_SE3_odom, joined = odom_SE3_base.inverse(), groups.joined

@@ -100,11 +100,10 @@ class Senders:
             known = np.asarray(np.isfinite(told).all(axis=1))
             _share(moving, groups, np.where(known[:, None], told, 0.0), known)
         elif followed := [number for number, source in enumerate(sources) if source in self._followed]:
-            whole = len(followed) == len(sources)
             self._step(
                 [sources[number] for number in followed],
                 [moving[number] for number in followed],
-                groups if whole else groups.take(followed),
+                groups.take(followed),
             )
 
     def _step(self, sources: Sequence[str], moving: Sequence[MovingObjects], groups: DetectionGroups) -> None:

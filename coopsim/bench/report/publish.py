@@ -159,15 +159,9 @@ def make_rerun(
 
     def run(cell: Cell, *recorders: Recorder) -> CellResult:
         try:
-            if (
-                not trust
-                and (
-                    code := code_in(
-                        [cell.policy, list(cell.condition.settings), cell.condition.scenario, dict(options)]
-                    )
-                )
-                is not None
-            ):
+            condition = cell.condition
+            code = code_in([cell.policy, list(condition.settings), condition.scenario, dict(options)])
+            if code is not None and not trust:
                 raise InvalidValueError(f"it names code, {code!r}, which is run only with --trust")
             refuse_writing(options, "the results' options")
             apart = Isolation(FRAME_LIMIT_S if isolation else None)
