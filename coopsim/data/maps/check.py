@@ -17,7 +17,7 @@ _SHOWN = 5
 
 @dataclass(frozen=True, slots=True)
 class MapCheck:
-    """How the driven lanes of a map hang together; a change to a lane beside counts as a way.
+    """Connections of the driven lanes of a map; a change to a lane beside counts as a way.
 
     Attributes:
         unreached: lanes that no lane leads to.

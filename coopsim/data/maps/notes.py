@@ -1,4 +1,4 @@
-"""What a reader repairs, leaves out, and takes of the budget of points."""
+"""Notes of a reader: repairs, elements left out, and the budget of points."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ MOST_POINTS = 4_000_000
 
 
 class Notes:
-    """What is noted while a file is read."""
+    """Notes that are taken while a file is read."""
 
     def __init__(self) -> None:
         self.left_out: Counter[str] = Counter()

@@ -36,7 +36,7 @@ class StreetLane:
     Attributes:
         id: name in this map.
         road: name of its road or edge in the file.
-        kind: what it is for.
+        kind: its use.
         line: its middle (K, 3) m, K >= 2.
         width_m: width (K,) at each point.
         speed_m_s: limit; None: the file has none.
@@ -73,7 +73,7 @@ class StreetWay:
         line: its middle (K, 3) m.
         width_m: width (K,).
         speed_m_s: limit; None: the file has none.
-        turn: which way it goes.
+        turn: its direction.
         signals: lights that hold for it, by id.
         program: the signal program that it obeys; None: none.
         link: its place in the states of that program.
@@ -136,11 +136,11 @@ class StreetSignal:
         id: name in the file.
         kind: "light", "stop", "yield" or "sign".
         code: country, type and subtype of the file, with colons between them.
-        value: what is written on it, as a speed; None: nothing.
+        value: number written on it, such as a speed; None: nothing.
         at: place (3,) m.
         heading_rad: direction in which it faces away from those it holds for.
         lanes: lanes that it holds for, outside junctions.
-        controller: those with the same controller change together; None: it has none.
+        controller: name that signals share which change together; None: it has none.
     """
 
     id: str
@@ -185,7 +185,7 @@ class StreetArea:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StreetSolid:
-    """What stands beside roads.
+    """A building, wall, tree or pole.
 
     Attributes:
         id: name in the file.
@@ -212,16 +212,16 @@ class StreetMap:
         lanes: lanes by id, except driven ones in junctions.
         links: driven lanes that a driven lane leads on to, outside junctions.
         ways: ways over junctions, by id.
-        junctions: by id.
+        junctions: junctions by id.
         programs: signal programs by id.
         signals: lights and signs.
         crossings: crossings for people.
         areas: ground for people or parked vehicles.
-        solids: what stands beside roads.
+        solids: buildings, walls, trees and poles.
         left_hand: whether vehicles keep to the left.
-        offset_m: what is added to x, y and z for coordinates of the projection.
+        offset_m: sum to add to x, y and z for coordinates of the projection.
         projection: text of the projection, as PROJ or WKT; empty: the file has none.
-        repaired: what was wrong in the file, and what was made of it: a line each.
+        repaired: faults of the file, and their repair: a line each.
         left_out: numbers of elements that were not read, by what they are.
     """
 

@@ -42,8 +42,8 @@ class Piece:
     """A lane within a section.
 
     Attributes:
-        key: which.
-        kind: what it is for.
+        key: road, section and number.
+        kind: its use.
         line: its middle (K, 3) m, in the direction of travel.
         width_m: width (K,).
         along: whether travel is along the reference line.
@@ -68,7 +68,7 @@ class Piece:
 
     @property
     def is_driven(self) -> bool:
-        """Whether vehicles drive on it, one way."""
+        """True where vehicles drive on it, one way."""
         return self.kind in DRIVEN
 
 

@@ -1,4 +1,4 @@
-"""Which lane leads on to which: links within roads, between roads, and of the connections of junctions.
+"""Links of lanes that lead on to each other: within roads, between roads, and of the connections of junctions.
 
 A link joins an end of a lane to an end of another. Traffic goes over it from the lane that ends there to the one that
 begins there. So a connection that names the lane of the other direction does no harm.

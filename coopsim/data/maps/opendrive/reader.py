@@ -20,7 +20,7 @@ _LOOSE = ("junctionGroup", "station")
 
 
 class _Reading:
-    """What has been read so far of a file."""
+    """A file that is being read."""
 
     def __init__(self, path: Path, root: Element) -> None:
         self.path, self.root = path, root

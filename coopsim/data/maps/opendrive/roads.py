@@ -21,7 +21,7 @@ _FURTHEST_M, _WIDEST_GAP_M = 1e8, 0.5
 
 @dataclass(frozen=True, slots=True)
 class Neighbour:
-    """What an end of a road is linked to: a road, at one of its ends (None: not said), or a junction."""
+    """The other side of a road's link: a road, at one of its ends (None: not said), or a junction."""
 
     kind: Literal["road", "junction"]
     id: str
@@ -38,7 +38,7 @@ class Road:
         left_hand: whether vehicles keep to the left.
         surface: its surface.
         lanes: its lanes.
-        neighbours: what its ends are linked to.
+        neighbours: the other sides of its links.
         ends: places (3,) m of the reference line's ends.
     """
 

@@ -24,7 +24,7 @@ def find_ways(
         roads: roads by id.
         links: links of their lanes.
         lights: signals that hold for a lane, by id.
-        notes: of what is left out.
+        notes: record of repairs and omissions.
     """
     ways, chains, used = dict[str, StreetWay](), dict[str, tuple[Key, ...]](), set[Key]()
     inside = {key for key in links.pieces if roads[key[0]].junction is not None}

@@ -32,7 +32,7 @@ _MOST_PARTS, _TOUCH_M = 16, 0.1
 
 
 class _Network:
-    """What has been read so far of a network."""
+    """A network that is being read."""
 
     def __init__(self, path: Path, root: Element) -> None:
         self.path, self.root, self.notes = path, root, Notes()
