@@ -12,7 +12,6 @@ from pathlib import Path
 
 from coopsim.bench.engine.engine import Engine
 from coopsim.bench.engine.job import Job, MetricSpec, Outcome
-from coopsim.bench.evaluate import listening_env
 from coopsim.bench.grid.axis import ATTACKS, LATENCY, POLICY, RATE
 from coopsim.bench.grid.cell import (
     Cell,
@@ -29,6 +28,7 @@ from coopsim.bench.paper.provenance import Provenance
 from coopsim.bench.store.fingerprint import Sources
 from coopsim.bench.store.store import Store
 from coopsim.catalog import NAMESPACE, PolicySpec, newest
+from coopsim.envs.provided import listening_env
 from coopsim.errors import InvalidValueError, StoreError, UnknownNameError
 
 

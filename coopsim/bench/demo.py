@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import coopsim
 from coopsim.bench.engine.job import result_of
-from coopsim.bench.evaluate import Evaluation, evaluate, listening_env
+from coopsim.bench.evaluate import Evaluation, evaluate
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.grid.policies import arithmetic_of
 from coopsim.bench.report.bench_report import About, write_bench_report
 from coopsim.bench.report.scene import Film, Scene, SceneRun
 from coopsim.bench.results.result_table import ResultTable, named
 from coopsim.catalog import PolicySpec
+from coopsim.envs.provided import listening_env
 from coopsim.errors import EpisodeStateError
 from coopsim.types import CameraImage, Tracks
 

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coopsim.bench.evaluate import listening_env
 from coopsim.catalog import PolicySpec, refuse_writing
 from coopsim.data.export.export_card import CARD, DONE, read_card
 from coopsim.data.export.export_format import LineFile, make_export_format
@@ -34,6 +33,7 @@ from coopsim.data.export.nuscenes_records import (
     scene_name,
 )
 from coopsim.data.export.record_parts import as_line
+from coopsim.envs.provided import listening_env
 from coopsim.episode import Episode, Recorder, run_episode
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.geometry.boxes import Boxes3D

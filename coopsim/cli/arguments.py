@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import itertools
 import json
 import shlex
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import yaml
 
-from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
+from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError, close_names
 from coopsim.support.checks import as_runs
 
 if TYPE_CHECKING:
@@ -66,7 +65,7 @@ class Parser(argparse.ArgumentParser):
         """Suggest the close options, or list all where nothing is close. Old names are not suggested."""
         actions = self._option_string_actions.items()
         known = [name for name, each in actions if name.startswith("--") and each.help != argparse.SUPPRESS]
-        close = difflib.get_close_matches(option, known, n=2, cutoff=0.5)
+        close = close_names(option, known)
         return f"Did you mean {' or '.join(close)}?" if close else f"Accepted: {', '.join(known)}"
 
 

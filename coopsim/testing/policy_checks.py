@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coopsim.bench.evaluate import listening_env
 from coopsim.catalog import PolicySpec
 from coopsim.comms.channel.channel_config import ChannelConfig
 from coopsim.comms.channel.latency import GaussianLatency
 from coopsim.comms.channel.loss import BernoulliLoss
+from coopsim.envs.provided import listening_env
 from coopsim.episode import Episode as RunningEpisode
 from coopsim.episode import Recorder, run_episode
 from coopsim.errors import CoopsimError

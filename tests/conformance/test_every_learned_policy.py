@@ -20,11 +20,11 @@ from tiny_networks import FUSIONS, QUERIES, learned, tiny_detector
 
 import coopsim
 from coopsim.agents.perceiving_policy import PerceivingPolicy
-from coopsim.bench.evaluate import listening_env
 from coopsim.catalog import policies_on_boxes
 from coopsim.comms.codecs.query_codec import QueriesCodec
 from coopsim.comms.envelope import decode_features, decode_queries
 from coopsim.comms.uplinks.uplink import Uplink
+from coopsim.envs.provided import listening_env
 from coopsim.episode import run_episode
 from coopsim.errors import CoopsimError, InvalidValueError, PolicyMismatchError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D

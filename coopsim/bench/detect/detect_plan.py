@@ -15,7 +15,6 @@ from coopsim.bench.detect.episode import Boxes, Pace, Receivers, Selection, pace
 from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.detect.protocols import PROTOCOLS
 from coopsim.bench.engine.job import Job, Outcome, traceback_of
-from coopsim.bench.evaluate import listening_env
 from coopsim.bench.grid.cell import Cell, CellResult, Condition, environment_options, scenario_options
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.grid.policies import (
@@ -28,6 +27,7 @@ from coopsim.bench.grid.policies import (
 )
 from coopsim.bench.store.fingerprint import Sources
 from coopsim.catalog import PolicySpec
+from coopsim.envs.provided import listening_env
 from coopsim.interfaces.attack_option import attacks_by_agent
 from coopsim.support.checks import (
     as_runs,

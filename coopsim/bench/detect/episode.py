@@ -13,8 +13,8 @@ import numpy as np
 
 from coopsim.bench.detect.part_clock import PartClock
 from coopsim.bench.detect.perceived import Perceived
-from coopsim.bench.evaluate import listening_env
 from coopsim.catalog import is_recordings_folder
+from coopsim.envs.provided import listening_env
 from coopsim.episode import Episode, Recorder, run_episode
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D, covers
