@@ -30,7 +30,7 @@ from scipy.special import expit
 
 from coopsim.agents.boxes import LateFusion
 from coopsim.agents.coop_fuse import LEAST_CHANCE, LIKELIHOOD, MERGE_GATE, CoopFuse, Weights
-from coopsim.cli.arguments import seeds
+from coopsim.cli.argument_types import seeds
 from coopsim.data.recording_set import Recording, RecordingSet
 from coopsim.envs.provided import listening_env
 from coopsim.episode import Episode, Recorder, run_episode

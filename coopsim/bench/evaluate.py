@@ -131,9 +131,7 @@ def rollout(env: CooperativeEnv, policy: Policy | str, seed: int | None = None) 
     return _evaluate(env, _instance(policy), seed)
 
 
-def _evaluate(
-    env: CooperativeEnv, policy: Policy, seed: int | None, recorders: Sequence[Recorder] = ()
-) -> Evaluation:
+def _evaluate(env: CooperativeEnv, policy: Policy, seed: int | None, recorders: Sequence[Recorder] = ()) -> Evaluation:
     _warm_up()
     kept = _Rewards()
     episode = run_episode(env, policy, (*recorders, kept), seed=seed)

@@ -9,22 +9,17 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from coopsim.cli.argument_types import count, count_or_zero, numbers, policies
 from coopsim.cli.arguments import (
     INTERRUPTED,
     Command,
-    add_attack,
-    add_detector,
-    add_device,
+    add_flags,
     add_old_name,
     add_options,
     add_population,
     as_json,
-    count,
-    count_or_zero,
     detector_option,
     named_options,
-    numbers,
-    policies,
     population,
 )
 from coopsim.errors import InvalidValueError
@@ -61,13 +56,12 @@ def _add_demo(parser: argparse.ArgumentParser) -> None:
     add("--position-noise-m", type=float, help=f"default: 0.2{_UNLESS}")
     add("--heading-noise-deg", type=float, help=f"default: 0.2{_UNLESS}")
     add("--loss", type=float, help=f"probability in [0, 1] (default: 0{_UNLESS})")
-    add_attack(parser, "an agent that lies; may be given several times")
-    add_detector(parser)
-    add_device(parser)
+    add_flags(parser, "--attack", help="an agent that lies; may be given several times")
+    add_flags(parser, "--detector", "--device")
     add_options(parser, "of the environment, such as lidar=VLP-16, channel=FILE or, of town, place_seed=7")
     out = add("--out", type=Path, default=Path("coopsim-demo.html"), metavar="PATH", help="default: %(default)s")
     add_old_name(parser, "--report", out)
-    add("--json", type=Path, metavar="PATH", help="write the numbers here as well")
+    add_flags(parser, "--json")
 
 
 def _run_demo(options: argparse.Namespace) -> int:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from coopsim.bench.benchmark import Schedule
 from coopsim.bench.engine.job import Job, Outcome
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
+from coopsim.bench.run_jobs import Schedule
 from coopsim.catalog import PolicySpec
 
 
