@@ -99,6 +99,7 @@ def _run_demo(options: argparse.Namespace) -> int:
 
 def _config(options: argparse.Namespace) -> DemoConfig:
     from coopsim.bench.demo import DemoConfig
+    from coopsim.bench.grid.cell import scenario_options
     from coopsim.bench.grid.policies import detector_on, policy_on, require_device
     from coopsim.catalog import usual_seed
     from coopsim.world.recording.episode_file import Episode
@@ -109,7 +110,7 @@ def _config(options: argparse.Namespace) -> DemoConfig:
     seed = usual if options.seed is None else options.seed
     world = {} if played is None else {**played.header.population, "playback": options.playback}
     given = named_options(options, _FLAGS)
-    explicit = {*given, *_options_of_file(options.environment)}
+    explicit = {*given, *scenario_options(options.environment)}
     if options.attack:
         given["attacks"] = " + ".join(filter(None, options.attack))
     given = {**world, **population(options), **_degradation(options, explicit), **given, **detector_option(options)}
@@ -118,13 +119,6 @@ def _config(options: argparse.Namespace) -> DemoConfig:
     require_device(options.device)
     on_device = tuple(policy_on(options.device, text) for text in options.policies)
     return DemoConfig(options.environment, on_device, _latencies_s(options, explicit), frames, seed, given)
-
-
-def _options_of_file(environment: str) -> Collection[str]:
-    """Return the names of the options that a scenario file sets."""
-    from coopsim.catalog import is_scenario_file, scenario_file_options
-
-    return scenario_file_options(environment) if is_scenario_file(environment) else ()
 
 
 def _degradation(options: argparse.Namespace, explicit: Collection[str]) -> dict[str, Any]:
