@@ -14,8 +14,8 @@ from coopsim.agents.policy import Policy
 from coopsim.catalog import PolicySpec
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.envs.parallel import CooperativeEnv
-from coopsim.envs.provided import agreed, provided_env
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
+from coopsim.provided import agreed, provided_env
 from coopsim.types import AgentSpec
 
 PolicyLike = str | Policy | None

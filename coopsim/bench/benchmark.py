@@ -26,8 +26,8 @@ from coopsim.bench.run_jobs import Progress, run_jobs
 from coopsim.bench.store.fingerprint import Sources
 from coopsim.bench.store.store import Store
 from coopsim.catalog import NAMESPACE, PolicySpec, newest
-from coopsim.envs.provided import listening_env
 from coopsim.errors import InvalidValueError, StoreError, UnknownNameError
+from coopsim.provided import listening_env
 
 
 def benchmark(

@@ -16,9 +16,9 @@ from coopsim.bench.report.bench_report import About, write_bench_report
 from coopsim.bench.report.scene import Film, Scene, SceneRun
 from coopsim.bench.results.result_table import ResultTable, named
 from coopsim.catalog import PolicySpec
-from coopsim.envs.provided import listening_env
 from coopsim.episode import Episode, Recorder
 from coopsim.errors import EpisodeStateError
+from coopsim.provided import listening_env
 from coopsim.types import CameraImage, Tracks
 
 _POINTS_SHOWN = 2500

@@ -15,7 +15,6 @@ import numpy as np
 
 from coopsim.catalog import PolicySpec, usual_seed
 from coopsim.comms.channel.channel import ChannelCounts
-from coopsim.envs.provided import listening_env
 from coopsim.episode import Episode, Recorder, run_episode
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
@@ -23,6 +22,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.recorders import TRACKS
 from coopsim.metrics.score import Score, summarize
+from coopsim.provided import listening_env
 from coopsim.support.checks import require_choice
 from coopsim.types import NS_PER_S, GroundTruth, Tracks
 

@@ -16,11 +16,11 @@ from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.report.bench_text import METHODS_TITLE, columns, format_value, score_row
 from coopsim.bench.report.formats import to_csv_text
 from coopsim.catalog import PolicySpec
-from coopsim.envs.provided import listening_env
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.metrics.clear import RECALL_POINTS
 from coopsim.metrics.metric import PRIMARY_METRIC
 from coopsim.metrics.score import Score
+from coopsim.provided import listening_env
 from coopsim.support.files import make_folder, write_whole
 from coopsim.support.svg import line_style, to_svg
 

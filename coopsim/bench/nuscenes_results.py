@@ -33,7 +33,6 @@ from coopsim.data.export.nuscenes_records import (
     scene_name,
 )
 from coopsim.data.export.record_parts import as_line
-from coopsim.envs.provided import listening_env
 from coopsim.episode import Episode, Recorder, run_episode
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.geometry.boxes import Boxes3D
@@ -41,6 +40,7 @@ from coopsim.geometry.se3 import SE3, Floats
 from coopsim.metrics.clear import NearSweep, sweep_near
 from coopsim.metrics.matching import NEAR_M, find_candidate_pairs
 from coopsim.metrics.track_log import FlatLog, TrackLog
+from coopsim.provided import listening_env
 from coopsim.support.files import locked, make_folder
 from coopsim.support.user_code import code_in
 from coopsim.types import GroundTruth, Ints, ObjectClass, Tracks

@@ -24,10 +24,10 @@ from coopsim.catalog import policies_on_boxes
 from coopsim.comms.codecs.query_codec import QueriesCodec
 from coopsim.comms.envelope import decode_features, decode_queries
 from coopsim.comms.uplinks.uplink import Uplink
-from coopsim.envs.provided import listening_env
 from coopsim.episode import run_episode
 from coopsim.errors import CoopsimError, InvalidValueError, PolicyMismatchError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.provided import listening_env
 from coopsim.testing import check_policy, check_uplink
 from coopsim.types import BevGrid, Detections, FeatureMap, Message, Observation, Odometry, PoseEstimate, Sweep, Tracks
 

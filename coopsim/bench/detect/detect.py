@@ -256,7 +256,8 @@ def measure_detection(
 
     def show(progress: Progress) -> None:
         table.take(progress.results)
-        on_progress(DetectProgress(*(getattr(progress, each.name) for each in fields(progress)), table.rows))
+        known = {each.name: getattr(progress, each.name) for each in fields(progress)}
+        on_progress(DetectProgress(**known, rows=table.rows))
 
     store = None if folder is None else Store(folder)
     run_jobs(list(table.jobs.values()), engine, store, retry_failed=True, on_progress=show)

@@ -27,9 +27,9 @@ from coopsim.bench.grid.policies import (
 )
 from coopsim.bench.store.fingerprint import Sources
 from coopsim.catalog import PolicySpec
-from coopsim.envs.provided import listening_env
 from coopsim.episode import Recorder
 from coopsim.interfaces.attack_option import attacks_by_agent
+from coopsim.provided import listening_env
 from coopsim.support.checks import as_runs, require_count, require_positive
 
 EVERYWHERE = "all"
@@ -145,7 +145,7 @@ class DetectPlan:
     def disturbances(self) -> list[Condition]:
         """Every noise with every delay and all lies, in no environment yet."""
         noises: tuple[tuple[float | None, float | None], ...] = self.noises or ((None, None),)
-        delays_s = [each / 1000 for each in self.delays_ms] or [None]
+        delays_s: list[float | None] = [each / 1000 for each in self.delays_ms] or [None]
         return [
             own_condition(EVERYWHERE, attacks=lie, position_noise_m=m, heading_noise_deg=deg, latency_s=delay_s)
             for lie in self.attacks or (None,)

@@ -14,10 +14,10 @@ import numpy as np
 from coopsim.bench.detect.part_clock import PartClock
 from coopsim.bench.detect.perceived import Perceived
 from coopsim.catalog import is_recordings_folder
-from coopsim.envs.provided import listening_env
 from coopsim.episode import Episode, Recorder, run_episode
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D, covers
+from coopsim.provided import listening_env
 from coopsim.support.checks import require_choice
 from coopsim.types import NS_PER_S, Detections, GroundTruth, seconds_to_ns
 from coopsim.types.valid_detections import drop_invalid

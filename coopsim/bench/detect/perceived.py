@@ -95,7 +95,7 @@ class Perceived:
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Perceived:
         """Return the episode of `arrays`."""
         about = json.loads(arrays[_ABOUT].tobytes())
-        columns = {each.name: arrays[each.name] for each in fields(cls) if each.name not in _PLAIN}
+        columns: dict[str, Any] = {each.name: arrays[each.name] for each in fields(cls) if each.name not in _PLAIN}
         return cls(**columns, **about | {"region_m": tuple(about["region_m"])})
 
     def arrays(self) -> dict[str, NDArray[Any]]:

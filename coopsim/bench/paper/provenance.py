@@ -18,8 +18,8 @@ from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.store.fingerprint import package_digest, package_versions
 from coopsim.catalog import PolicySpec
 from coopsim.config.load import load
-from coopsim.envs.provided import listening_env
 from coopsim.errors import StoreError, UnknownNameError
+from coopsim.provided import listening_env
 from coopsim.support.precision import watch_weights
 
 _INFINITE = "inf"

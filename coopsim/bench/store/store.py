@@ -85,8 +85,8 @@ class Store:
         """
         path = self.path_of(key_of(decided_by))
         if result.arrays:
-            content = io.BytesIO()
-            np.savez_compressed(content, **result.arrays)
+            content, arrays = io.BytesIO(), dict[str, Any](result.arrays)
+            np.savez_compressed(content, **arrays)
             write_durably(path.with_suffix(".npz"), content.getvalue())
         write_durably(path, encode(result, decided_by))
         write_durably(path.with_suffix(".json"), (json.dumps(circumstances or {}, indent=2) + "\n").encode())
