@@ -60,7 +60,7 @@ class Episode:
         steps: number of steps so far, so that it numbers the frame whose observations are the newest.
         policy_s: wall time that the policy has taken so far, in `run_episode`.
         environment_s: wall time that the environment's steps have taken so far, with the uplinks in it.
-        uplink_s: wall time that the making of messages has taken so far.
+        uplink_s: wall time that the making of messages has taken, as of the last step.
     """
 
     env: CooperativeEnv

@@ -83,6 +83,8 @@ def test_a_run_goes_on_and_another_protocol_runs_nothing(here: list[DetectJob], 
     more = ["--policies", "no_fusion,late_fusion", "--seeds", "0", "--protocol", "dair", *shared]
     assert len(_detect(tmp_path / "dair.json", *more)) == len(here) == 2
     assert opencood[0]["APBEV@0.5"] != first[0]["APBEV@0.5"]
+    next((tmp_path / "out.json.episodes" / "cells").glob("*.npz")).unlink()  # what was perceived is gone
+    assert len(_detect(out, "--policies", "no_fusion,late_fusion", "--seeds", "0")) == 2 and len(here) == 3
 
 
 def test_an_interrupt_keeps_the_finished_rows(
