@@ -73,7 +73,11 @@ def benchmark(
     cells = grid.cells() if only is None else only
     jobs = [Job.of(cell, grid.options, policies[cell.policy], metrics, isolation, sources) for cell in cells]
     store.begin([job.key for job in jobs], Provenance.of(grid, command, isolation).as_data())
-    results = run_jobs(jobs, engine, store, retry_failed=retry_failed, on_progress=on_progress, on_broken=on_broken)
+
+    def is_kept(job: Job, result: CellResult) -> bool:
+        return not (result.failed and retry_failed)
+
+    results = run_jobs(jobs, engine, store, is_kept=is_kept, on_progress=on_progress, on_broken=on_broken)
     return [results[job.key] for job in jobs]
 
 

@@ -13,11 +13,13 @@ from coopsim.bench.detect.detect_plan import DetectPlan
 from coopsim.bench.engine.job import Job, MetricSpec, run_job
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.isolated.isolation import Isolation
-from coopsim.bench.run_jobs import Kind, kind_of
 from coopsim.bench.store.fingerprint import Sources
 from coopsim.bench.store.store import CELLS, Store
 from coopsim.episode import Episode, Recorder
 from coopsim.support.processes import cores
+
+Kind = tuple[str, str]
+"""Policy and environment, which decide the duration of a run."""
 
 _TIMED_FRAMES = 5
 
@@ -77,11 +79,11 @@ def _estimate(jobs: Sequence[Job], folder: Path | None) -> Estimate:
         if store is None or not store.path_of(job.key).is_file():
             waiting.append(job)
         elif "seconds" in (told := store.circumstances(job.key)):
-            known[kind_of(job)].append(float(told["seconds"]))
-    first = {kind_of(job): job for job in reversed(waiting)}
+            known[_kind(job)].append(float(told["seconds"]))
+    first = {_kind(job): job for job in reversed(waiting)}
     means = {kind: sum(each) / len(each) for kind, each in known.items()}
     found, timed = _complete(means, first, lambda kind: _seconds_of(first[kind]))
-    return Estimate(len(jobs), len(jobs) - len(waiting), sum(found[kind_of(job)] for job in waiting), timed)
+    return Estimate(len(jobs), len(jobs) - len(waiting), sum(found[_kind(job)] for job in waiting), timed)
 
 
 def _complete(
@@ -110,6 +112,10 @@ def _complete(
             growth = found[slowest, environment] / max(found[slowest, first], 1e-9)
             found[policy, environment] = found[policy, first] * growth
     return found, measured
+
+
+def _kind(job: Job) -> Kind:
+    return job.cell.policy, job.cell.condition.scenario
 
 
 class _Clock(Recorder):

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from collections import defaultdict, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 
 from coopsim.bench.engine.engine import Engine
 from coopsim.bench.engine.job import Job, Outcome
+from coopsim.bench.engine.schedule import Schedule
 from coopsim.bench.grid.cell import CellResult
 from coopsim.bench.store.store import Store
 from coopsim.errors import StoreError
@@ -41,7 +40,7 @@ def run_jobs(
     engine: Engine | None = None,
     store: Store | None = None,
     *,
-    retry_failed: bool = False,
+    is_kept: Callable[[Job, CellResult], bool] = lambda job, result: not result.failed,
     on_progress: Callable[[Progress], object] = lambda progress: None,
     on_broken: Callable[[StoreError], object] = lambda error: None,
 ) -> dict[str, CellResult]:
@@ -54,12 +53,12 @@ def run_jobs(
         jobs: the jobs.
         engine: runs them; None: processes of this machine, as many as cores.
         store: has finished ones; None: nothing is kept.
-        retry_failed: also run jobs whose stored result is a traceback.
+        is_kept: says of a job and its stored result whether it stands; others are run again.
         on_progress: called before the first job and after each.
         on_broken: called for each broken file of the store; its job is run again.
     """
-    results = {} if store is None else _stored(store, jobs, on_broken)
-    results = {key: result for key, result in results.items() if not (result.failed and retry_failed)}
+    found = {} if store is None else _stored(store, jobs, on_broken)
+    results = {job.key: found[job.key] for job in jobs if job.key in found and is_kept(job, found[job.key])}
     progress = Progress(len(jobs), len(results), results=results)
     on_progress(progress)
     if progress.stored == progress.cells:  # start no engine
@@ -90,54 +89,3 @@ def _stored(store: Store, jobs: Iterable[Job], on_broken: Callable[[StoreError],
         if result is not None and (result.failed or bool(result.arrays) == job.arrays):
             found[job.key] = result
     return found
-
-
-Kind = tuple[str, str]
-"""Policy and scenario, which decide the duration of a cell of a given number of frames."""
-
-
-class Schedule(Iterator[Job]):
-    """Hands out jobs, and learns from outcomes how long the remaining ones take."""
-
-    def __init__(self, jobs: Iterable[Job]) -> None:
-        self._left: defaultdict[Kind, deque[Job]] = defaultdict(deque)
-        for job in jobs:
-            self._left[kind_of(job)].append(job)
-        self._seconds: defaultdict[Kind, list[float]] = defaultdict(list)
-        self._running: defaultdict[Kind, int] = defaultdict(int)
-
-    def __next__(self) -> Job:
-        """Return a job of a kind that was not begun yet, else one of the kind that takes longest."""
-        waiting = [kind for kind, jobs in self._left.items() if jobs]
-        if not waiting:
-            raise StopIteration
-        kind = max(waiting, key=lambda each: self._expected_s(each, unknown_s=0.0 if self._running[each] else math.inf))
-        self._running[kind] += 1
-        return self._left[kind].popleft()
-
-    def learn(self, outcome: Outcome) -> None:
-        """Note the duration of a job."""
-        kind = kind_of(outcome.job)
-        self._running[kind] -= 1
-        self._seconds[kind].append(outcome.seconds)
-
-    def left_s(self) -> float | None:
-        """Estimate the remaining work for one worker, s; None before the first outcome."""
-        known = [second for seconds in self._seconds.values() for second in seconds]
-        if not known:
-            return None
-        mean_s = sum(known) / len(known)
-        # Half of each running job is done.
-        return sum(
-            (len(self._left[kind]) + self._running[kind] / 2) * self._expected_s(kind, unknown_s=mean_s)
-            for kind in list(self._left)
-        )
-
-    def _expected_s(self, kind: Kind, *, unknown_s: float) -> float:
-        seconds = self._seconds[kind]
-        return sum(seconds) / len(seconds) if seconds else unknown_s
-
-
-def kind_of(job: Job) -> Kind:
-    """Return what decides how long a job takes."""
-    return job.cell.policy, job.cell.condition.scenario

@@ -260,7 +260,7 @@ def measure_detection(
         on_progress(DetectProgress(**known, rows=table.rows))
 
     store = None if folder is None else Store(folder)
-    run_jobs(list(table.jobs.values()), engine, store, retry_failed=True, on_progress=show)
+    run_jobs(list(table.jobs.values()), engine, store, on_progress=show)
     return table.rows
 
 
