@@ -30,7 +30,7 @@ GROUPS = ("plain", "varied", "standing", "sitting")
 @cache
 def built_in_models(group: str) -> tuple[Model, ...]:
     """Return the models of a group; the file is read at the first call."""
-    table, (_, points_from, faces_from) = _read()
+    table, (points_from, faces_from) = _read()
     return tuple(
         _model(table, k, int(points_from[k]), int(faces_from[k])) for k in np.flatnonzero(table["group"] == group)
     )
@@ -38,11 +38,11 @@ def built_in_models(group: str) -> tuple[Model, ...]:
 
 @cache
 def _read() -> tuple[dict[str, NDArray[Any]], NDArray[np.int64]]:
-    """Return the file's arrays, and the rows (3, N) at which each model's poses, points and faces begin."""
+    """Return the file's arrays, and the rows (2, N) at which each model's points and faces begin."""
     with np.load(ACTORS, allow_pickle=False) as file:
         table = {name: file[name] for name in file.files}
     poses, vertices, faces = table["counts"].T.astype(np.int64)
-    sizes = np.stack([poses, poses * vertices, faces])
+    sizes = np.stack([poses * vertices, faces])
     return table, np.cumsum(sizes, axis=1) - sizes
 
 
