@@ -31,9 +31,8 @@ GROUPS = ("plain", "varied", "standing", "sitting")
 def built_in_models(group: str) -> tuple[Model, ...]:
     """Return the models of a group; the file is read at the first call."""
     table, (points_from, faces_from) = _read()
-    return tuple(
-        _model(table, k, int(points_from[k]), int(faces_from[k])) for k in np.flatnonzero(table["group"] == group)
-    )
+    chosen = np.flatnonzero(table["group"] == group).tolist()
+    return tuple(_model(table, k, int(points_from[k]), int(faces_from[k])) for k in chosen)
 
 
 @cache
