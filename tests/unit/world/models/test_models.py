@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from representatives import all_of
 
 from coopsim.errors import InvalidValueError
 from coopsim.types.taxonomy import CLASS_NAMES, ObjectClass
@@ -14,6 +15,8 @@ MODELS = make_models()
 VARIED = make_models(varied=True)
 MOVING = [model for model in MODELS if len(model.poses) > 1]
 WALKERS = [model for model in MODELS if model.label in (ObjectClass.PEDESTRIAN, ObjectClass.CHILD)]
+ONE_OF_A_KIND = ("sedan", "panel_van_doors_open", "concrete_mixer", "double_decker", "motorcycle_two_riders")
+ONE_OF_A_KIND += ("cargo_bicycle", "motor_scooter_delivery", "woman_pushchair", "child_of_3")  # bits are held elsewhere
 FLAT = {"ground", "pavement", "road", "marking"}
 
 ANCHORS_M = {
@@ -41,8 +44,9 @@ def test_poses_fill_the_box_around_the_origin(model: Model) -> None:
     np.testing.assert_array_equal(model.vertices, model.poses[0])
 
 
-@pytest.mark.parametrize("model", VARIED, ids=by_name)
-def test_every_part_is_closed_and_faces_outwards_in_every_pose(model: Model) -> None:
+@pytest.mark.parametrize("name", all_of([model.name for model in VARIED], *ONE_OF_A_KIND))
+def test_every_part_is_closed_and_faces_outwards_in_every_pose(name: str) -> None:
+    (model,) = (model for model in VARIED if model.name == name)
     for pose in model.poses:
         parts = trimesh.Trimesh(pose, model.faces, process=False).split(only_watertight=False)
         assert len(parts) > 4
