@@ -23,7 +23,7 @@ from coopsim.learn.loop.validation import HeldOut
 from coopsim.learn.recipe import KINDS, TrainingRecipe, find_recipe
 from coopsim.learn.samples.batches_ahead import BatchesAhead
 from coopsim.learn.samples.sample_order import SampleOrder
-from coopsim.learn.tasks.training_task import TrainingTask
+from coopsim.learn.tasks.training_task import AnyTask
 from coopsim.learn.weights import SUFFIX, digest, save_weights
 from coopsim.nn.inference.backend import find_device
 from coopsim.support.files import locked, make_folder, write_whole
@@ -88,15 +88,20 @@ def train(
     return folder / f"{recipe.name}{SUFFIX}"
 
 
-def make_task(recipe: TrainingRecipe, seed: int) -> TrainingTask:
+def make_task(recipe: TrainingRecipe, seed: int) -> AnyTask:
     """Return the task of a recipe, with its network's first weights."""
     module, _, name = KINDS[recipe.kind].task.partition(".")
-    task: TrainingTask = getattr(importlib.import_module(f"coopsim.learn.tasks.{module}"), name)(recipe, seed)
+    task: AnyTask = getattr(importlib.import_module(f"coopsim.learn.tasks.{module}"), name)(recipe, seed)
     return task
 
 
 def _batches(
-    task: TrainingTask, recipe: TrainingRecipe, seed: int, source: ClipSource | None, cache: Path | None, workers: int
+    task: AnyTask,
+    recipe: TrainingRecipe,
+    seed: int,
+    source: ClipSource | None,
+    cache: Path | None,
+    workers: int,
 ) -> AbstractContextManager[SampleOrder | BatchesAhead]:
     """Return the batches of a training, made by other processes as far as they can do it."""
     if source is None and "picture" in recipe.kind and not recipe.world.get("cameras"):
@@ -115,7 +120,7 @@ def _batches(
 
 @contextmanager
 def _clips_ahead(
-    task: TrainingTask, recipe: TrainingRecipe, seed: int, clips: ClipSource, workers: int
+    task: AnyTask, recipe: TrainingRecipe, seed: int, clips: ClipSource, workers: int
 ) -> Iterator[SampleOrder]:
     with ClipsAhead(clips, workers, recipe.block) as ahead:
         yield _order(task, recipe, seed, ahead)
@@ -134,12 +139,12 @@ class RecipeOrder:
         return _order(make_task(self.recipe, self.seed), self.recipe, self.seed, self.clips)
 
 
-def _order(task: TrainingTask, recipe: TrainingRecipe, seed: int, clips: ClipSource) -> SampleOrder:
+def _order(task: AnyTask, recipe: TrainingRecipe, seed: int, clips: ClipSource) -> SampleOrder:
     return SampleOrder(clips, task.cut, seed, recipe.batch, recipe.block, recipe.passes, task.collate)
 
 
 def _held_out(
-    task: TrainingTask, recipe: TrainingRecipe, source: ClipSource | None, cache: Path | None, device: torch.device
+    task: AnyTask, recipe: TrainingRecipe, source: ClipSource | None, cache: Path | None, device: torch.device
 ) -> HeldOut:
     """Return samples of held-out clips, which are made at their first use."""
     clips = held_out_clips(recipe, cache) if source is None else LaterClips(source)
