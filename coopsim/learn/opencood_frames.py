@@ -92,18 +92,11 @@ def as_tensors(batch: Batch, device: str | torch.device = "cpu") -> Batch:
 
 def join(samples: Sequence[Batch]) -> Batch:
     """Join samples to a batch: the function `collate_fn` of a loader."""
-    return as_tensors(
-        collate(
-            [
-                _changed(sample, lambda value: value.numpy() if isinstance(value, torch.Tensor) else value)
-                for sample in samples
-            ]
-        )
-    )
+    return as_tensors(collate([_changed(sample, _as_array) for sample in samples]))
 
 
 def _as_array(value: Any) -> Any:
-    return value.numpy() if hasattr(value, "numpy") else value
+    return value.numpy() if isinstance(value, torch.Tensor) else value
 
 
 def _changed(batch: Batch, change: Callable[[Any], Any]) -> Batch:

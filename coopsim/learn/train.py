@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -95,14 +95,10 @@ def make_task(recipe: TrainingRecipe, seed: int) -> AnyTask:
     return task
 
 
+@contextmanager
 def _batches(
-    task: AnyTask,
-    recipe: TrainingRecipe,
-    seed: int,
-    source: ClipSource | None,
-    cache: Path | None,
-    workers: int,
-) -> AbstractContextManager[SampleOrder | BatchesAhead]:
+    task: AnyTask, recipe: TrainingRecipe, seed: int, source: ClipSource | None, cache: Path | None, workers: int
+) -> Iterator[SampleOrder | BatchesAhead]:
     """Return the batches of a training, made by other processes as far as they can do it."""
     if source is None and "picture" in recipe.kind and not recipe.world.get("cameras"):
         raise InvalidValueError(
@@ -112,18 +108,13 @@ def _batches(
     own = source or task.source(seed)
     clips = own or clips_of_recipe(recipe, seed, cache)
     if own or not workers:
-        return nullcontext(_order(task, recipe, seed, clips))
-    if task.cuts_apart:
-        return BatchesAhead(RecipeOrder(recipe, seed, clips), recipe.block, workers)
-    return _clips_ahead(task, recipe, seed, clips, workers)
-
-
-@contextmanager
-def _clips_ahead(
-    task: AnyTask, recipe: TrainingRecipe, seed: int, clips: ClipSource, workers: int
-) -> Iterator[SampleOrder]:
-    with ClipsAhead(clips, workers, recipe.block) as ahead:
-        yield _order(task, recipe, seed, ahead)
+        yield _order(task, recipe, seed, clips)
+    elif task.cuts_apart:
+        with BatchesAhead(RecipeOrder(recipe, seed, clips), recipe.block, workers) as batches:
+            yield batches
+    else:
+        with ClipsAhead(clips, workers, recipe.block) as ahead:
+            yield _order(task, recipe, seed, ahead)
 
 
 @dataclass(frozen=True)
