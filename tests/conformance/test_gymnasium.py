@@ -91,7 +91,11 @@ def test_what_make_wraps_finds_nothing_wrong_in_an_episode(name: str) -> None:
 
 @pytest.mark.parametrize(
     ("mode", "vector_kwargs"),
-    [("sync", {}), ("async", {"shared_memory": False}), ("async", {"shared_memory": False, "context": "spawn"})],
+    [
+        ("sync", {}),
+        ("async", {"shared_memory": False}),
+        pytest.param("async", {"shared_memory": False, "context": "spawn"}, marks=pytest.mark.long),
+    ],
 )
 def test_vectors_step_and_start_again(mode: str, vector_kwargs: dict[str, Any]) -> None:
     options = TINY | {"tracker": "late_fusion", "control": "policy", "others": coopsim.make_policy("late_fusion")}
@@ -158,7 +162,9 @@ def test_a_wrong_id_is_refused_with_a_hint(name: str, error: type[Exception], me
 @pytest.mark.parametrize(
     "program",
     [
-        "import coopsim, gymnasium; env = gymnasium.make('coopsim/crossing-v2', lidar=None)",
+        pytest.param(
+            "import coopsim, gymnasium; env = gymnasium.make('coopsim/crossing-v2', lidar=None)", marks=pytest.mark.long
+        ),
         "import gymnasium; env = gymnasium.make('coopsim:coopsim/crossing-v2', lidar=None)",
     ],
 )

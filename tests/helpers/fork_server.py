@@ -16,13 +16,16 @@ import os
 import pickle
 import signal
 import socket
+import subprocess
 import sys
+import tempfile
 import threading
 import time
 import traceback
 import types
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -42,8 +45,10 @@ _anew = 0
 @pytest.fixture(scope="session", autouse=True)
 def quick_starts(request: pytest.FixtureRequest) -> Iterator[None]:
     """Fork the workers of all tests, but of those that ask for `started_anew`."""
+    global _anew
+    _anew = int(request.config.getoption("start_anew"))
     with pytest.MonkeyPatch.context() as patch:
-        for module in () if request.config.getoption("start_anew") else STARTING:
+        for module in STARTING:
             patch.setattr(f"{module}.start_python", start_python)
         yield
 
@@ -62,6 +67,23 @@ def start_python(program: str, *arguments: str, pass_fds: Sequence[int] = ()) ->
     if _anew:
         return processes.start_python(program, *arguments, pass_fds=pass_fds)
     return _server().start(program, arguments, pass_fds)
+
+
+def run_python(
+    program: str, *arguments: str, folder: Path | None = None, found: Path | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run a program in a folder, for a test that is not about its start; it finds the packages of `found`."""
+    path = [*([str(found)] if found else []), *(place or os.getcwd() for place in sys.path)]
+    where = str(folder or os.getcwd())
+    if _anew:
+        command, environment = [sys.executable, "-c", program, *arguments], {**os.environ, "PYTHONPATH": ":".join(path)}
+        return subprocess.run(command, cwd=where, env=environment, capture_output=True, text=True, check=False)
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err, open(os.devnull) as nothing:
+        files = [nothing.fileno(), out.fileno(), err.fileno()]
+        pid = _server().fork((program, arguments, (), where, dict(os.environ), path), files)
+        status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+        said = [file.seek(0) or file.read().decode() for file in (out, err)]
+    return subprocess.CompletedProcess(arguments, status, *said)
 
 
 class Forked:
@@ -101,12 +123,16 @@ class _Server:
         (their_in, stdin), (stdout, their_out) = os.pipe(), os.pipe()
         path = [place or os.getcwd() for place in sys.path]
         told = program, arguments, pass_fds, os.getcwd(), {**os.environ, **processes.ONE_THREAD}, path
-        with self._lock, _adopting():
-            socket.send_fds(self._orders, [pickle.dumps(told)], [their_in, their_out, 2, *pass_fds])
-            pid = int(self._orders.recv(100))
+        pid = self.fork(told, [their_in, their_out, 2, *pass_fds])
         os.close(their_in)
         os.close(their_out)
         return Forked(pid, stdin, stdout)
+
+    def fork(self, told: tuple[Any, ...], files: Sequence[int]) -> int:
+        """Return the number of the process that does what it is told, see `_become`."""
+        with self._lock, _adopting():
+            socket.send_fds(self._orders, [pickle.dumps(told)], files)
+            return int(self._orders.recv(100))
 
 
 _running: _Server | None = None
