@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 from fork_server import run_python
 
 PLUGIN = '''
@@ -120,6 +121,7 @@ assert status == 2 and "mine" in text and "opencood" in text, text
 """
 
 
+@pytest.mark.usefixtures("started_anew")
 def test_packages_dock_places_situations_recordings_protocols_and_commands(tmp_path: Path) -> None:
     recorded = tmp_path / "recorded"
     recorded.mkdir()

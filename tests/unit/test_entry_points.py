@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from fork_server import run_python
 
+pytestmark = pytest.mark.usefixtures("started_anew")
+
 PLUGIN = """
 from coopsim.agents.boxes import LateFusion
 from coopsim.comms.codecs.detection_codec import DetectionsCodec
