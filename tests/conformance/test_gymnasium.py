@@ -11,6 +11,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
+from representatives import all_of
 from small_env import SIMULATED, SMALL
 
 import coopsim
@@ -30,7 +31,7 @@ def test_gymnasium_knows_every_environment() -> None:
 
 
 @UNBOUNDED
-@pytest.mark.parametrize("name", SIMULATED)
+@pytest.mark.parametrize("name", all_of(SIMULATED, "highway", "occluded_crossing", "town"))
 def test_check_env(name: str) -> None:
     env = gymnasium.make(f"coopsim/{name}-v2", others="late_fusion", **TINY)
     check_env(env.unwrapped, skip_render_check=True)
