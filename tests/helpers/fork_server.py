@@ -33,7 +33,7 @@ import pytest
 import coopsim
 from coopsim.support import processes
 
-STARTING = ("coopsim.bench.engine.engine", "coopsim.envs.vector.workers", "coopsim.learn.clips.ahead")
+STARTING = ("coopsim.bench.engine.engine", "coopsim.envs.vector.worker", "coopsim.learn.clips.ahead")
 """Modules that start workers."""
 
 IMPORTED = ("coopsim.bench.engine.job", "coopsim.agents.boxes", "coopsim.envs.vector.environments", *STARTING,
