@@ -30,7 +30,6 @@ from typing import Any
 
 import pytest
 
-import coopsim
 from coopsim.support import processes
 
 STARTING = ("coopsim.bench.engine.engine", "coopsim.envs.vector.worker", "coopsim.learn.clips.ahead")
@@ -163,7 +162,6 @@ def serve() -> None:
     for module in IMPORTED:
         with suppress(ImportError):  # without torch
             importlib.import_module(module)
-    coopsim.evaluate("late_fusion", "crossing", vehicles=4, lidar=None, max_cycles=1)  # loads most kernels
     gc.freeze()
     while True:
         told, files, _, _ = socket.recv_fds(orders, 2**18, 64)
