@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from helpers.script_parts import parts_of_a_script
 from jobs_here import no_workers
+from representatives import all_of
 
 import coopsim
 from coopsim.bench.benchmark import benchmark
@@ -138,7 +139,10 @@ def test_lost_cells_are_run_again_by_the_same_call(tmp_path: Path, monkeypatch: 
     assert not any(each.failed for each in benchmark(grid, tmp_path))
 
 
-@pytest.mark.parametrize("group", ["detectors", "embedders", "codecs", "uplinks", "fusions", "backbones", "policies"])
+GROUPS = ("detectors", "embedders", "codecs", "uplinks", "fusions", "backbones", "policies")
+
+
+@pytest.mark.parametrize("group", all_of(GROUPS, "embedders", "policies"))
 def test_plug_ins_of_every_kind_that_are_named_decide(
     group: str, on_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

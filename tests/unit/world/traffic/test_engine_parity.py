@@ -12,6 +12,7 @@ from highway_env_roads import PLACES, fleet_of, make_road, network_of, numbered
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from representatives import all_of
 
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.types.messages import MANEUVERS
@@ -80,7 +81,7 @@ def test_trajectories_are_highway_envs(place: str) -> None:
         ("highway", {"vehicles": 12, "buses": 8, "truck_share": 0.3}),
     ],
 )
-@pytest.mark.parametrize("control", ["traffic", "policy"])
+@pytest.mark.parametrize("control", all_of(["traffic", "policy"], "policy"))
 def test_our_drivers_do_the_same_on_either_engine(name: str, numbers: dict[str, int], control: str) -> None:
     worlds = [World(make_scenario(name, **numbers), 1, control=control, traffic=engine) for engine in ENGINES]
     for k in range(70):
