@@ -11,8 +11,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from coopsim.bench.engine.engine import Engine
-from coopsim.bench.engine.job import Job, MetricSpec, Outcome
+from coopsim.bench.engine.job import Job, Outcome
 from coopsim.bench.evaluate import listening_env
+from coopsim.bench.films.choice import has_film
+from coopsim.bench.films.filmed_job import FilmedJob, film_jobs
 from coopsim.bench.grid.axis import ATTACKS, LATENCY, POLICY, RATE
 from coopsim.bench.grid.cell import (
     Cell,
@@ -27,6 +29,7 @@ from coopsim.bench.grid.policies import of_cell, takes
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.paper.provenance import Provenance
 from coopsim.bench.store.fingerprint import Sources
+from coopsim.bench.store.metric_spec import MetricSpec
 from coopsim.bench.store.store import Store
 from coopsim.catalog import NAMESPACE, PolicySpec, newest
 from coopsim.errors import InvalidValueError, StoreError, UnknownNameError
@@ -57,6 +60,8 @@ def benchmark(
     *,
     engine: Engine | None = None,
     retry_failed: bool = False,
+    films: bool = False,
+    retry_unfilmed: bool = False,
     command: str = "",
     isolation: Isolation = Isolation(),  # noqa: B008  (frozen)
     only: Collection[Cell] | None = None,
@@ -75,6 +80,8 @@ def benchmark(
         folder: folder of the store, made if need be.
         engine: runs the cells; None: processes of this machine, as many as cores.
         retry_failed: also run cells whose stored result is a traceback.
+        films: keep films of the runs, for the clips of a report: of those of `cells_to_film`, without a salt.
+        retry_unfilmed: also run cells again whose result is stored, and whose film is missing or broken.
         command: the command that gives the same numbers, kept in the store.
         isolation: separation of policies from the world.
         only: the cells to run; None: all of the grid.
@@ -94,9 +101,13 @@ def benchmark(
     sources = Sources()
     cells = grid.cells() if only is None else only
     jobs = [Job.of(cell, grid.options, policies[cell.policy], metrics, isolation, sources) for cell in cells]
+    if films and isolation.salt is None:  # a film shows the place, which a salt keeps secret
+        jobs = film_jobs(jobs)
     store.begin([job.key for job in jobs], Provenance.of(grid, command, isolation).as_data())
     results = _stored(store, jobs, on_broken)
-    results = {cell: result for cell, result in results.items() if not (result.failed and retry_failed)}
+    for job in jobs:
+        if job.cell in results and not _is_kept(job, results[job.cell], retry_failed, retry_unfilmed):
+            del results[job.cell]
     progress = Progress(len(jobs), len(results))
     on_progress(progress)
     if progress.stored == progress.cells:  # start no engine
@@ -104,13 +115,21 @@ def benchmark(
     schedule = Schedule(job for job in jobs if job.cell not in results)
     with closing(engine.run(schedule)) as outcomes:
         for outcome in outcomes:
+            result = outcome.result
             if not outcome.lost:
-                store.put(outcome.result, outcome.job.decided_by, outcome.circumstances)
-            results[outcome.job.cell] = outcome.result
+                result = store.put(result, outcome.job.decided_by, outcome.circumstances, outcome.film)
+            results[outcome.job.cell] = result
             schedule.learn(outcome)
             progress = replace(progress, done=progress.done + 1, left_s=schedule.left_s(), outcome=outcome)
             on_progress(progress)
     return [results[job.cell] for job in jobs]
+
+
+def _is_kept(job: Job, result: CellResult, retry_failed: bool, retry_unfilmed: bool) -> bool:
+    """Return whether a stored result stands, and its cell is not run again."""
+    if result.failed:
+        return not retry_failed
+    return not (retry_unfilmed and isinstance(job, FilmedJob)) or has_film(result)
 
 
 def check(grid: Grid, isolation: Isolation = Isolation()) -> dict[str, PolicySpec]:  # noqa: B008  (frozen)

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any
 import coopsim
 from coopsim.bench.engine.job import result_of
 from coopsim.bench.evaluate import Evaluation, evaluate, listening_env
+from coopsim.bench.films.film import Film, Filming, Rows
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.grid.policies import arithmetic_of
 from coopsim.bench.report.bench_report import About, write_bench_report
-from coopsim.bench.report.scene import Film, Scene, SceneRun
+from coopsim.bench.report.scene import Scene, SceneRun
 from coopsim.bench.results.result_table import ResultTable, named
 from coopsim.catalog import PolicySpec
 from coopsim.errors import EpisodeStateError
-from coopsim.types import CameraImage, Tracks
+from coopsim.types import CameraImage
 
 if TYPE_CHECKING:
     from coopsim.envs.parallel import CooperativeEnv
@@ -61,7 +62,7 @@ class DemoRun:
         return {"policy": named(self.policy, bound=self.evaluation.bound), "latency": latency}
 
     @property
-    def tracks(self) -> list[Mapping[str, Tracks]]:
+    def tracks(self) -> list[Mapping[str, Rows]]:
         """The tracks of each frame, by reporting agent."""
         return [frame.tracks for frame in self.film.frames]
 
@@ -116,16 +117,16 @@ class Demo:
     def _run_one(self, policy: str, latency_s: float | None, tick: Callable[[], object]) -> DemoRun:
         """Run a policy. The first run films what all share: truth, points, and one moment through the cameras."""
         config, first = self.config, not self.runs
-        film = Film(_POINTS_SHOWN if first else 0)
+        filming = Filming(_POINTS_SHOWN if first else 0)
 
         def on_frame(env: CooperativeEnv) -> None:
-            if first and len(film.frames) == config.frames // 2 + 1:
+            if first and len(filming.frames) == config.frames // 2 + 1:
                 self._images, self._images_ns = env.photograph(), env.time_ns
             tick()
 
-        options = self._options(latency_s) | {"on_frame": on_frame, "recorders": [film]}
+        options = self._options(latency_s) | {"on_frame": on_frame, "recorders": [filming]}
         evaluation = evaluate(policy, config.environment, seed=config.seed, **options)
-        return DemoRun(policy, latency_s, evaluation, film)
+        return DemoRun(policy, latency_s, evaluation, filming.film)
 
     def _scene(self) -> Scene:
         film = self.runs[0].film

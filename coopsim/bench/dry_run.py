@@ -14,10 +14,11 @@ from typing import TypeVar
 from coopsim.bench.benchmark import check
 from coopsim.bench.detect.detect_plan import DetectJob, DetectPlan
 from coopsim.bench.detect.perceived import PerceivedFiles
-from coopsim.bench.engine.job import Job, MetricSpec, run_job
+from coopsim.bench.engine.job import Job, run_job
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.store.fingerprint import Sources
+from coopsim.bench.store.metric_spec import MetricSpec
 from coopsim.bench.store.store import CELLS, Store
 from coopsim.episode import Episode, Recorder
 from coopsim.errors import StoreError

@@ -22,6 +22,7 @@ from coopsim.cli.arguments import (
     add_noises,
     add_old_name,
     add_options,
+    add_unneeded,
     as_json,
     count,
     count_or_zero,
@@ -52,8 +53,7 @@ if TYPE_CHECKING:
 def _add_report(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("out", type=Path, metavar="FOLDER", help="of `coopsim bench`")
     add_all_grids(parser)
-    trust = "run code again that the results name as module:Class or file.py:Class, for clips"
-    parser.add_argument("--trust", action="store_true", help=trust)
+    add_unneeded(parser, "--trust", "nothing is run any more")
     _add_outputs(parser)
 
 
@@ -67,7 +67,8 @@ def _add_outputs(parser: argparse._ActionsContainer) -> None:
         metavar="A,B",
         help="of leaderboards, LaTeX tables and figure; the first ranks",
     )
-    add("--clips", type=count_or_zero, default=5, help="of the worst moments (default: %(default)s)")
+    clips = "of the worst moments, lies and crashes, from films of the runs; 0: none are kept (default: %(default)s)"
+    add("--clips", type=count_or_zero, default=5, help=clips)
     add("--plots", action="store_true", help="write the curves of all metrics as SVG files, too")
     add("--json", type=Path, metavar="PATH", help="write means and intervals of each policy and condition here as well")
 
@@ -76,20 +77,20 @@ def _run_report(options: argparse.Namespace) -> int:
     from coopsim.bench.store.store import Store
 
     results = stored_results(options.out, all_grids=options.all_grids)
-    write_files(options.out, results, options, trust=options.trust)
+    write_files(options.out, results, options)
     asked = Store(options.out).asked()
     if len(results) < asked and not options.all_grids:
         print(f"{len(results)} of {asked} cells are in {options.out}; the command that began them goes on from there")
     return 0
 
 
-def write_files(folder: Path, results: Sequence[CellResult], options: argparse.Namespace, *, trust: bool) -> None:
-    """Write the files of a folder's results, and print the leaderboard and their paths; `trust` as of `publish`."""
+def write_files(folder: Path, results: Sequence[CellResult], options: argparse.Namespace) -> None:
+    """Write the files of a folder's results, and print the leaderboard and their paths."""
     from coopsim.bench.paper.provenance import Provenance
-    from coopsim.bench.report.bench_text import leaderboard_text, to_rows
     from coopsim.bench.report.publish import publish
     from coopsim.bench.results.result_table import ResultTable
     from coopsim.bench.store.store import Store
+    from coopsim.bench.text.bench_text import leaderboard_text, to_rows
 
     written = publish(
         folder,
@@ -98,7 +99,7 @@ def write_files(folder: Path, results: Sequence[CellResult], options: argparse.N
         metrics=options.metrics,
         clips=options.clips,
         with_plots=options.plots,
-        trust=trust,
+        on_note=lambda note: print(f"coopsim: {note}", file=sys.stderr),
     )
     table = ResultTable.of(results, options.metrics)
     print(leaderboard_text(table, options.metrics))
@@ -116,7 +117,10 @@ REPORT = Command(
 )
 
 
-_NO_NUMBER = {"--out": 1, "--workers": 1, "--engine": 1, "--address": 1, "--retry-failed": 0, "--json": 1}
+_NO_NUMBER = {
+    **dict.fromkeys(("--out", "--workers", "--engine", "--address", "--json"), 1),
+    **dict.fromkeys(("--retry-failed", "--retry-unfilmed"), 0),
+}
 """Flags that change no number, with how many words follow them: the command is noted without them."""
 
 
@@ -158,6 +162,7 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     add_isolation(how)
     add_dry_run(how)
     how.add_argument("--retry-failed", action="store_true", help="run failed cells again")
+    how.add_argument("--retry-unfilmed", action="store_true", help="run cells again that lack a film for --clips")
     _add_outputs(parser.add_argument_group("report"))
 
 
@@ -208,6 +213,8 @@ def _run_bench(options: argparse.Namespace) -> int:
                 options.out,
                 engine=engine,
                 retry_failed=options.retry_failed,
+                films=options.clips > 0,
+                retry_unfilmed=options.retry_unfilmed,
                 command=without_flags(options.typed, _NO_NUMBER),
                 isolation=isolation,
                 on_progress=show,
@@ -220,7 +227,7 @@ def _run_bench(options: argparse.Namespace) -> int:
             stored = f"{finished} of {len(grid)} cells are stored in {options.out}"
             print(f"coopsim: interrupted; {stored}, and the same command goes on from there", file=sys.stderr)
             return INTERRUPTED
-    write_files(options.out, results, options, trust=True)  # the grid's policies, which have run already
+    write_files(options.out, results, options)
     failed = sum(result.failed for result in results) - lost
     if lost:
         print(f"coopsim: {lost} of {len(grid)} cells were not run; the same command runs them", file=sys.stderr)
@@ -293,8 +300,8 @@ def _add_compare(parser: argparse.ArgumentParser) -> None:
 
 
 def _run_compare(options: argparse.Namespace) -> int:
-    from coopsim.bench.report.comparison_text import to_csv, to_dict, to_text
     from coopsim.bench.results.comparison import compare_results
+    from coopsim.bench.text.comparison_text import to_csv, to_dict, to_text
 
     paths = [path for path in (options.json, options.csv) if path is not None]
     if len({path.resolve() for path in paths}) < len(paths):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import os
 import platform
 import re
@@ -25,13 +24,12 @@ from coopsim.bench.grid.policies import arithmetic_of, of_cell
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.store.closure import RUN
 from coopsim.bench.store.fingerprint import Sources, changed_parts, fingerprint, key_of, package_versions
+from coopsim.bench.store.metric_spec import MetricSpec
 from coopsim.catalog import PolicySpec
 from coopsim.episode import Recorder
 from coopsim.errors import InvalidValueError
-from coopsim.metrics.built_in import BUILT_IN, custom_metrics
-from coopsim.metrics.metric import METRICS
+from coopsim.metrics.built_in import BUILT_IN
 from coopsim.support.checks import require_count
-from coopsim.support.user_code import SOURCE, load_source
 
 _ADDRESS = re.compile(r"\b0x[0-9a-f]{4,}")
 
@@ -44,12 +42,14 @@ class Outcome:
         result: result, the same in every run.
         circumstances: data that differ between runs: seconds, machine, versions, and the end of a process that died.
         lost: True if the cell was not run for no fault of its own, as where its machine died: it is not stored.
+        film: content of the film's file, if the run was filmed.
     """
 
     job: Job
     result: CellResult
     circumstances: Mapping[str, Any] = field(default_factory=dict)
     lost: bool = False
+    film: bytes | None = None
 
     @property
     def seconds(self) -> float:
@@ -261,53 +261,6 @@ def circumstances() -> dict[str, Any]:
         "platform": platform.platform(),
         "worker": f"{socket.gethostname()}:{os.getpid()}",
     }
-
-
-@dataclass(frozen=True, slots=True)
-class MetricSpec:
-    """Source of a metric that a user or a package registered.
-
-    Attributes:
-        name: registered name.
-        module: name of the module that registers it.
-        path: path of the module's file, if it is not importable because it came with a policy (`file.py:Class`).
-        source: text of that file; None for an importable module.
-    """
-
-    name: str
-    module: str
-    path: str | None = None
-    source: str | None = None
-
-    @classmethod
-    def all(cls) -> tuple[MetricSpec, ...]:
-        """Describe every registered metric that is not built in.
-
-        Raises:
-            InvalidValueError: a script itself registers a metric, which other processes cannot import.
-        """
-        specs = []
-        for name, metric in custom_metrics().items():
-            module = type(metric).__module__
-            if module == "__main__":
-                raise InvalidValueError(
-                    f"metric {name!r} must be registered in a module, or in the file of a policy, for a benchmark's "
-                    "processes to load it; it is registered in the script that runs"
-                )
-            content = vars(sys.modules[module])
-            source = content.get(SOURCE)
-            specs.append(cls(name, module, None if source is None else str(content["__file__"]), source))
-        return tuple(specs)
-
-    def load(self) -> None:
-        """Register the metric in this process. Raises `InvalidValueError` if its module does not."""
-        if self.name not in METRICS:
-            if self.source is not None and self.path is not None:
-                load_source(self.path, self.source)
-            else:
-                importlib.import_module(self.module)
-        if self.name not in METRICS:
-            raise InvalidValueError(f"metric {self.name!r} is not registered by the module {self.module!r}")
 
 
 def keep_named(values: Mapping[str, float], metrics: tuple[MetricSpec, ...]) -> dict[str, float]:

@@ -14,13 +14,15 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, distributions, packages_distributions, version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import coopsim
 from coopsim.bench.grid.axis import ATTACKS
 from coopsim.bench.grid.cell import Cell, scenario_options
+from coopsim.bench.grid.plain_options import plain_options
 from coopsim.bench.grid.policies import arithmetic_of, device_of_detector, has_network
 from coopsim.bench.store.closure import RUN, Package, code_files, digest_of_file, scan
+from coopsim.bench.store.metric_spec import MetricSpec
 from coopsim.catalog import SCENARIO_SUFFIXES, PolicySpec, is_recordings_folder
 from coopsim.config.spec import parse_spec
 from coopsim.config.yaml_file import path_from, read_yaml
@@ -29,9 +31,6 @@ from coopsim.interfaces.attack_option import attacks_by_agent
 from coopsim.metrics.built_in import recorders_read
 from coopsim.support.registrations import added_parts
 from coopsim.support.user_code import modules_beside
-
-if TYPE_CHECKING:
-    from coopsim.bench.engine.job import MetricSpec
 
 LAYOUT = 3
 """Raise this number when equal inputs give other results or another file."""
@@ -44,9 +43,6 @@ _DRAWING = ("moderngl", "pillow")
 
 _MOST_NAMES = 2**20
 """Bytes of a named file in which names of plug-ins are looked for: of weights, their description."""
-
-_MOST_ITEMS = 1_000_000
-"""Most items of a list among options, which are all written into every cell's file."""
 
 _WORD = re.compile(r"[\w-]+")
 
@@ -207,36 +203,6 @@ def _installed_versions(names: Iterable[str]) -> dict[str, str]:
 def key_of(text: str) -> str:
     """Return the key of a fingerprint, 32 hexadecimal digits."""
     return _digest(text.encode())[:32]
-
-
-def plain_options(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options as JSON has them, so that they mean the same in every process.
-
-    Raises:
-        InvalidValueError: an option is an object, such as a detector, or has too many items; the message names it.
-    """
-    return {name: _plain(name, value) for name, value in options.items()}
-
-
-def _plain(name: str, value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(f"{name}.{key}", part) for key, part in value.items()}
-    if name == "place_seed" and isinstance(value, range) and value and value.step == 1 and value.start >= 0:
-        return f"{value.start}-{value[-1]}"  # as in files and on the command line: it may have a billion numbers
-    if isinstance(value, (list, tuple, range)):
-        if len(value) > _MOST_ITEMS:
-            raise InvalidValueError(
-                f"{name} must have at most {_MOST_ITEMS} items, got {len(value)}: for a range of places use "
-                "a text like '0-999999999'"
-            )
-        return [_plain(name, part) for part in value]
-    if isinstance(value, Path):
-        return str(value)
-    if value is None or isinstance(value, (bool, int, float, str)):
-        return value
-    raise InvalidValueError(
-        f"{name} must be plain data (a number, a text, True, False, None, a list or a mapping of these), got {value!r}"
-    )
 
 
 def named_files(value: Any, folder: str = "") -> Iterator[str]:

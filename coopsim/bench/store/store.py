@@ -1,4 +1,4 @@
-"""The store of a benchmark: a folder with one Parquet file for each finished cell.
+"""The store of a benchmark: a folder with one Parquet file for each finished cell, and its film if it has one.
 
 It is a cache: the name of a file is a hash of all inputs of its content, so any number of grids, versions and
 commands may share a folder. Results hold only data that are the same in every run; seconds, versions and the like are
@@ -27,12 +27,15 @@ from coopsim.support.files import make_folder, write_durably
 CELLS = "cells"
 """Name of the folder of cells in a store's folder."""
 
+FILMS = "films"
+"""Name of the folder of films in it."""
+
 _LEFT_BEHIND_S = 3600.0
 """Age from which an unfinished file was left by a killed command; writing takes milliseconds."""
 
 
 class Store:
-    """Results by key, in `folder/cells`.
+    """Results by key, in `folder/cells`, and films of their runs, in `folder/films`.
 
     Raises:
         InvalidValueError: the folder cannot be made.
@@ -48,8 +51,12 @@ class Store:
         """Return the path of a result's file."""
         return self._cells / f"{key}.parquet"
 
+    def path_of_film(self, key: str) -> Path:
+        """Return the path of the film of a result's run."""
+        return self.folder / FILMS / f"{key}.npz"
+
     def get(self, key: str) -> CellResult | None:
-        """Return the result of a key; None if the store does not have it.
+        """Return the result of a key, with the path of its film if there is one; None if the store does not have it.
 
         Raises:
             StoreError: the file is broken, or has another key.
@@ -67,22 +74,38 @@ class Store:
             raise StoreError(f"{path} is broken: {error}") from error
         if key_of(decided_by) != key:
             raise StoreError(f"{path} is broken: its content has another key, {key_of(decided_by)}")
-        return result
+        return self._with_film(result, key)
 
-    def put(self, result: CellResult, decided_by: str, circumstances: Mapping[str, Any] | None = None) -> None:
-        """Store a result durably; an older one of the same key is replaced.
+    def put(
+        self,
+        result: CellResult,
+        decided_by: str,
+        circumstances: Mapping[str, Any] | None = None,
+        film: bytes | None = None,
+    ) -> CellResult:
+        """Store a result durably, and return it with the path of its film; an older one of the same key is replaced.
 
         Args:
             result: result of the cell.
             decided_by: the cell's `fingerprint`, which makes the key.
             circumstances: content of the JSON file next to the result.
+            film: content of the film's file.
 
         Raises:
-            InvalidValueError: the file cannot be written.
+            InvalidValueError: a file cannot be written.
         """
-        path = self.path_of(key_of(decided_by))
+        key = key_of(decided_by)
+        path = self.path_of(key)
+        if film is not None:  # before the result: what is interrupted in between is run again
+            make_folder(self.folder / FILMS)
+            write_durably(self.path_of_film(key), film)
         write_durably(path, encode(result, decided_by))
         write_durably(path.with_suffix(".json"), (json.dumps(circumstances or {}, indent=2) + "\n").encode())
+        return self._with_film(result, key)
+
+    def _with_film(self, result: CellResult, key: str) -> CellResult:
+        path = self.path_of_film(key)
+        return replace(result, film=path) if path.is_file() else result
 
     def begin(self, keys: Sequence[str], provenance: Mapping[str, Any] | None = None) -> None:
         """Note the keys of the current grid, so that `results` leaves out those of other grids, and its provenance."""
@@ -143,7 +166,7 @@ class Store:
             raise StoreError(f"{self._grid} is broken: {error}") from error
 
     def _remove_unfinished(self) -> None:
-        for path in self._cells.glob("*.tmp"):
+        for path in (*self._cells.glob("*.tmp"), *(self.folder / FILMS).glob("*.tmp")):
             try:
                 if time.time() - path.stat().st_mtime > _LEFT_BEHIND_S:
                     path.unlink()

@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from coopsim.bench.grid.axis import NOBODY_LIES
-from coopsim.bench.report.bench_text import difference_text, form_of, format_value, markdown_table
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import bootstrap_difference
+from coopsim.bench.text.forms import difference_text, form_of, format_value, markdown_table, sections_text
 from coopsim.catalog import PolicySpec
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.deception import DECEPTION
@@ -32,8 +32,7 @@ def to_lies_markdown(table: ResultTable, metric: str = PRIMARY_METRIC) -> str:
         ("Honest senders doubted", _means(table, ("attacker_FPR",), lying=False), f"Means when {NOBODY_LIES}."),
         ("Lies believed", _lies(table), "Means of each policy and attack."),
     ]
-    shown = [f"## {heading}\n\n{note}\n\n{content}" for heading, content, note in parts if content]
-    return "# Lies\n\n" + "\n\n".join(shown) + f"\n\nIntervals are of 95 %, over {table.samples.text}.\n"
+    return sections_text("Lies", parts) + f"\nIntervals are of 95 %, over {table.samples.text}.\n"
 
 
 _WON_BACK_NOTE = """Change of {} against the same policy without a defence, under the same attack. The first row is what
