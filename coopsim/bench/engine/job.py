@@ -24,11 +24,10 @@ from coopsim.bench.grid.policies import arithmetic_of, of_cell
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.store.closure import RUN
 from coopsim.bench.store.fingerprint import Sources, changed_parts, fingerprint, key_of, package_versions
-from coopsim.bench.store.metric_spec import MetricSpec
+from coopsim.bench.store.metric_spec import MetricSpec, keep_named
 from coopsim.catalog import PolicySpec
 from coopsim.episode import Recorder
 from coopsim.errors import InvalidValueError
-from coopsim.metrics.built_in import BUILT_IN
 from coopsim.support.checks import require_count
 
 _ADDRESS = re.compile(r"\b0x[0-9a-f]{4,}")
@@ -261,9 +260,3 @@ def circumstances() -> dict[str, Any]:
         "platform": platform.platform(),
         "worker": f"{socket.gethostname()}:{os.getpid()}",
     }
-
-
-def keep_named(values: Mapping[str, float], metrics: tuple[MetricSpec, ...]) -> dict[str, float]:
-    """Drop the values of registered metrics that are not among `metrics`, as another job may have registered them."""
-    named = {spec.name for spec in metrics}
-    return {name: value for name, value in values.items() if name in BUILT_IN or name in named}

@@ -78,7 +78,7 @@ def telling_pairs(table: ResultTable, count: int) -> tuple[Pair, ...]:
         return np.s_[:, here, seed], [np.s_[policy], np.s_[:, here], avoided if avoided[place] else caused]
 
     places = islice(telling(weights, alike), count)
-    return tuple(Pair(runs[alone, *where], runs[policy, *where]) for policy, *where in places)
+    return tuple(Pair(runs[alone, where, seed], runs[policy, where, seed]) for policy, where, seed in places)
 
 
 def find_pair(table: ResultTable, number: int) -> Pair:

@@ -18,7 +18,7 @@ from coopsim.metrics.score import SEEN_BY
 from coopsim.metrics.track_log import TrackLog
 from coopsim.types import Ints
 from coopsim.viz.bev import BevFrame, footprints
-from coopsim.world.snapshot import RoadMap
+from coopsim.world.snapshot import AgentBody, RoadMap
 
 BOX_M, POINT_M, TURN_RAD = 0.01, 0.05, 1e-4
 """Units of the integers that store boxes, points and headings."""
@@ -42,6 +42,12 @@ class Place(NamedTuple):
     x: float
     y: float
     rides: bool
+
+    @classmethod
+    def of(cls, body: AgentBody) -> Place:
+        """Return the place of an agent's body."""
+        x, y = body.world_SE3_base.translation[:2].tolist()
+        return cls(x, y, body.actor_id is not None)
 
 
 class ShownLie(NamedTuple):
@@ -76,10 +82,9 @@ class FilmFrame:
     @classmethod
     def of(cls, frame: BevFrame, points: Mapping[str, Floats] | None = None) -> FilmFrame:
         """Take over a frame, with points (N, 2 or more) m in the world frame by agent."""
-        places = {name: body.world_SE3_base.translation[:2].tolist() for name, body in frame.agents.items()}
         made = cls(
             frame.time_ns,
-            {name: Place(*places[name], body.actor_id is not None) for name, body in frame.agents.items()},
+            {name: Place.of(body) for name, body in frame.agents.items()},
             to_rows(frame.actors.id, footprints(frame.actors.boxes)),
             tracks={name: to_rows(each.id, footprints(each.boxes)) for name, each in frame.tracks.items()},
             lies=[

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import importlib
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from coopsim.errors import InvalidValueError
-from coopsim.metrics.built_in import custom_metrics
+from coopsim.metrics.built_in import BUILT_IN, custom_metrics
 from coopsim.metrics.metric import METRICS
 from coopsim.support.user_code import SOURCE, load_source
 
@@ -57,3 +58,9 @@ class MetricSpec:
                 importlib.import_module(self.module)
         if self.name not in METRICS:
             raise InvalidValueError(f"metric {self.name!r} is not registered by the module {self.module!r}")
+
+
+def keep_named(values: Mapping[str, float], metrics: tuple[MetricSpec, ...]) -> dict[str, float]:
+    """Drop the values of registered metrics that are not among `metrics`, as another job may have registered them."""
+    named = {spec.name for spec in metrics}
+    return {name: value for name, value in values.items() if name in BUILT_IN or name in named}

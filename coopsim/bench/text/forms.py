@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from tabulate import tabulate
 
+from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import Interval
 from coopsim.metrics.built_in import BYTES, all_metrics, custom_metrics, is_yes_no
 from coopsim.metrics.metric import PRIMARY_METRIC
@@ -105,6 +106,14 @@ def to_csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue()
+
+
+def mean_cells(table: ResultTable, metrics: Sequence[str], policy: int, conditions: Sequence[int]) -> list[str]:
+    """Format a policy's means in some conditions, a metric each; empty where none is known."""
+    values = [table.values(name)[policy, conditions].reshape(1, -1) for name in metrics]
+    means = [float(known_mean(each, axis=1)[0]) for each in values]
+    known = not all(map(math.isnan, means))
+    return [format_value(mean, form_of(name)) for mean, name in zip(means, metrics, strict=True)] if known else []
 
 
 def sections_text(title: str, parts: Iterable[tuple[str, str, str]]) -> str:
