@@ -80,5 +80,7 @@ def film_of(result: CellResult) -> Film:
         raise StoreError(f"there is no film of {result.cell.policy}, seed {result.cell.seed}")
     film = read_film(result.film)
     if len(film.frames) != len(result.rewards):
-        raise StoreError(f"the film {result.film} is broken: it has {len(film.frames)} frames, its run more or less")
+        raise StoreError(
+            f"the film {result.film.name} is broken: it has {len(film.frames)} frames, its run more or less"
+        )
     return film

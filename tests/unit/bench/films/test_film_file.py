@@ -78,7 +78,8 @@ def forge(path: Path, **changed: Any) -> None:
     """Change what a film says of itself, and give it a checksum that fits."""
     with np.load(path) as arrays:
         made = {name: arrays[name] for name in arrays.files if name != "checksum"}
-    about = json.loads(made["about"].tobytes()) | changed
+    about = json.loads(made["about"].tobytes())
+    about["film"] |= changed
     made["about"] = np.frombuffer(json.dumps(about).encode(), np.uint8)
     content = io.BytesIO()
     np.savez_compressed(content, **made, checksum=_checksum(made))
@@ -89,12 +90,13 @@ def forge(path: Path, **changed: Any) -> None:
     "changed",
     [
         {"dt_s": float("nan")},
-        {"map": {"lanes": [10**9]}},
-        {"map": {"lanes": [-1]}},
+        {"road_map": {"lanes": [{"\0array": ["float64_2", 10**9, 2]}]}},
+        {"road_map": {"lanes": [{"\0array": ["float64_2", -1, 2]}]}},
+        {"road_map": {"lanes": [{"\0array": ["other", 1, 2]}]}},
         {"frames": [{"time_ns": 0}]},
         {"frames": [[]]},
         {"arrived": 7},
-        {"drive": []},
+        {"drive": 7},
     ],
 )
 def test_a_forged_film_is_refused(path: Path, changed: dict[str, Any]) -> None:
