@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import coopsim
-from coopsim.bench.engine.job import result_of
+from coopsim.bench.engine.result_of import result_of
 from coopsim.bench.evaluate import Evaluation, evaluate, listening_env
 from coopsim.bench.films.film import Film, Filming, Rows
 from coopsim.bench.grid.cell import Cell, CellResult, Condition

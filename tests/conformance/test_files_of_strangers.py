@@ -90,7 +90,7 @@ def test_a_stored_cell_is_the_one_that_was_asked_for(code: tuple[str, Path], tmp
     grid = Grid(("no_fusion",), frames=2, options=OPTIONS)
     (ours,) = benchmark(grid, tmp_path)
     (path,) = (tmp_path / "cells").glob("*.parquet")
-    from coopsim.bench.store.store import decode
+    from coopsim.bench.store.cell_file import decode
 
     _, decided_by = decode(path.read_bytes())
     Store(tmp_path).put(replace(ours, cell=replace(ours.cell, policy=policy)), decided_by)

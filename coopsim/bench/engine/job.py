@@ -11,24 +11,22 @@ import sys
 import time
 import traceback
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, ClassVar
 
-import numpy as np
-
 import coopsim
-from coopsim.bench.evaluate import Evaluation, evaluate
+from coopsim.bench.engine.result_of import result_of
+from coopsim.bench.evaluate import evaluate
 from coopsim.bench.grid.cell import Cell, CellResult, environment_options
 from coopsim.bench.grid.policies import arithmetic_of, of_cell
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.store.closure import RUN
-from coopsim.bench.store.fingerprint import Sources, changed_parts, fingerprint, key_of, package_versions
+from coopsim.bench.store.fingerprint import Sources, changed_parts, fingerprint, key_of
 from coopsim.bench.store.metric_spec import MetricSpec, keep_named
+from coopsim.bench.store.packages import package_versions
 from coopsim.catalog import PolicySpec
 from coopsim.episode import Recorder
-from coopsim.errors import InvalidValueError
-from coopsim.support.checks import require_count
 
 _ADDRESS = re.compile(r"\b0x[0-9a-f]{4,}")
 
@@ -168,41 +166,6 @@ def run_job(job: Job, recorders: Sequence[Recorder] = ()) -> Outcome:
         result = CellResult(job.cell, traceback=traceback_of(error))
     seconds = time.perf_counter() - started
     return Outcome(job, result, {"seconds": seconds, **circumstances()})
-
-
-def result_of(cell: Cell, evaluation: Evaluation, arithmetic: str) -> CellResult:
-    """Return the evaluation of a cell as its result.
-
-    Raises:
-        InvalidValueError: the policy's `counts` are no integers of 64 bits by name, or its `method` is no text.
-    """
-    score = evaluation.score
-    if not isinstance(evaluation.method, str):
-        raise InvalidValueError(f"method must be a text, got {evaluation.method!r}")
-    return CellResult(
-        cell,
-        values=_as_floats(score.values),
-        agents={name: _as_floats(agent.values) for name, agent in score.agents.items()},
-        rewards=np.asarray(evaluation.rewards, np.float64),
-        messages=asdict(evaluation.messages),
-        place_seed=evaluation.place_seed,
-        counts=_as_counts(evaluation.counts),
-        method=evaluation.method,
-        arithmetic=arithmetic,
-        bound=evaluation.bound,
-    )
-
-
-def _as_floats(values: Mapping[str, float]) -> dict[str, float]:
-    return {name: float(value) for name, value in values.items()}
-
-
-def _as_counts(counts: Mapping[str, int]) -> dict[str, int]:
-    for name, count in counts.items():
-        if not isinstance(name, str):
-            raise InvalidValueError(f"counts must be by name, got {name!r}")
-        require_count(-(2**63), 2**63 - 1, **{f"counts[{name!r}]": count})
-    return {name: int(count) for name, count in counts.items()}
 
 
 def _evaluate(job: Job, recorders: Sequence[Recorder] = ()) -> CellResult:

@@ -61,7 +61,7 @@ class ShownLie(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilmFrame:
-    """What a picture from above shows, in the world frame.
+    """Content of a picture from above, in the world frame.
 
     Attributes:
         time_ns: time since the episode's start.

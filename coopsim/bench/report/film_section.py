@@ -17,11 +17,11 @@ _PLAYER = (
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One of the two runs of a figure.
+    """Run in a figure of two.
 
     Attributes:
         name: name of the run.
-        about: what is said of it.
+        about: description beside the name.
         moments: moments that a reader may go to, s, with what happens; None: none are offered.
     """
 

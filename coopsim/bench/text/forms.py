@@ -1,4 +1,4 @@
-"""How values, intervals and tables are written, in text of any kind."""
+"""Forms of values, intervals and tables in texts of any kind."""
 
 from __future__ import annotations
 
