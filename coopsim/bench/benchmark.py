@@ -1,18 +1,14 @@
-"""A benchmark from the grid to the results: finished cells are taken from the store, the others are run."""
+"""A benchmark from the grid to the results: all that it names is tried first, then its jobs are run."""
 
 from __future__ import annotations
 
 import inspect
 import math
 from collections.abc import Callable, Collection, Iterable
-from contextlib import closing
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 from coopsim.bench.engine.engine import Engine
-from coopsim.bench.engine.job import Job, Outcome
-from coopsim.bench.engine.schedule import Schedule
-from coopsim.bench.evaluate import listening_env
+from coopsim.bench.engine.job import Job
 from coopsim.bench.films.choice import has_film
 from coopsim.bench.films.filmed_job import FilmedJob, film_jobs
 from coopsim.bench.grid.axis import ATTACKS, LATENCY, POLICY, RATE
@@ -28,30 +24,13 @@ from coopsim.bench.grid.grid import Grid
 from coopsim.bench.grid.policies import of_cell, takes
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.paper.provenance import Provenance
+from coopsim.bench.run_jobs import Progress, run_jobs
 from coopsim.bench.store.fingerprint import Sources
 from coopsim.bench.store.metric_spec import MetricSpec
 from coopsim.bench.store.store import Store
 from coopsim.catalog import NAMESPACE, PolicySpec, newest
 from coopsim.errors import InvalidValueError, StoreError, UnknownNameError
-
-
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """Progress of a benchmark.
-
-    Attributes:
-        cells: number of cells of the grid.
-        stored: number of cells that were in the store at the start.
-        done: number of cells run since.
-        left_s: estimated remaining work for one worker, s; None before the first outcome.
-        outcome: latest outcome.
-    """
-
-    cells: int
-    stored: int
-    done: int = 0
-    left_s: float | None = None
-    outcome: Outcome | None = None
+from coopsim.provided import listening_env
 
 
 def benchmark(
@@ -94,7 +73,6 @@ def benchmark(
     Raises:
         CoopsimError: a name is unknown or a value is not accepted; the message says what is accepted.
     """
-    engine = engine or Engine()
     policies = check(grid, isolation)
     store = Store(folder)
     metrics = MetricSpec.all()  # after `check`, which loads the policies' files
@@ -104,32 +82,14 @@ def benchmark(
     if films and isolation.salt is None:  # a film shows the place, which a salt keeps secret
         jobs = film_jobs(jobs)
     store.begin([job.key for job in jobs], Provenance.of(grid, command, isolation).as_data())
-    results = _stored(store, jobs, on_broken)
-    for job in jobs:
-        if job.cell in results and not _is_kept(job, results[job.cell], retry_failed, retry_unfilmed):
-            del results[job.cell]
-    progress = Progress(len(jobs), len(results))
-    on_progress(progress)
-    if progress.stored == progress.cells:  # start no engine
-        return [results[job.cell] for job in jobs]
-    schedule = Schedule(job for job in jobs if job.cell not in results)
-    with closing(engine.run(schedule)) as outcomes:
-        for outcome in outcomes:
-            result = outcome.result
-            if not outcome.lost:
-                result = store.put(result, outcome.job.decided_by, outcome.circumstances, outcome.film)
-            results[outcome.job.cell] = result
-            schedule.learn(outcome)
-            progress = replace(progress, done=progress.done + 1, left_s=schedule.left_s(), outcome=outcome)
-            on_progress(progress)
-    return [results[job.cell] for job in jobs]
 
+    def is_kept(job: Job, result: CellResult) -> bool:
+        if result.failed:
+            return not retry_failed
+        return not (retry_unfilmed and isinstance(job, FilmedJob)) or has_film(result)
 
-def _is_kept(job: Job, result: CellResult, retry_failed: bool, retry_unfilmed: bool) -> bool:
-    """Return whether a stored result stands, and its cell is not run again."""
-    if result.failed:
-        return not retry_failed
-    return not (retry_unfilmed and isinstance(job, FilmedJob)) or has_film(result)
+    results = run_jobs(jobs, engine, store, is_kept=is_kept, on_progress=on_progress, on_broken=on_broken)
+    return [results[job.key] for job in jobs]
 
 
 def check(grid: Grid, isolation: Isolation = Isolation()) -> dict[str, PolicySpec]:  # noqa: B008  (frozen)
@@ -194,19 +154,3 @@ def _require_no_condition(scenario: str) -> None:
                 f"scenarios must have no {name} of their own in a grid, got {scenario!r}: move it to the grid's "
                 "options, where it is the same in all cells"
             )
-
-
-def _stored(store: Store, jobs: Iterable[Job], on_broken: Callable[[StoreError], object]) -> dict[Cell, CellResult]:
-    """Return the results in the store, by cell."""
-    found = {}
-    for job in jobs:
-        try:
-            result = store.get(job.key)
-            if result is not None and result.cell != job.cell:
-                raise StoreError(f"{store.path_of(job.key)} is broken: it is of another cell, {result.cell}")
-        except StoreError as error:
-            on_broken(error)
-            continue
-        if result is not None:
-            found[job.cell] = result
-    return found

@@ -71,12 +71,12 @@ class Job:
         isolation: separation of the policy from the world.
         root: module from which all of a run is imported.
         noun: word for a run in messages.
-        outcome: class of its outcomes.
+        arrays: whether its result has arrays.
     """
 
     root: ClassVar[str] = RUN
     noun: ClassVar[str] = "cell"
-    outcome: ClassVar[type[Outcome]] = Outcome
+    arrays: ClassVar[bool] = False
 
     cell: Cell
     options: Mapping[str, Any]
@@ -144,6 +144,10 @@ class Job:
         """Run the cell, see `run_job`."""
         return run_job(self)
 
+    def measure(self, recorders: Sequence[Recorder] = ()) -> CellResult:
+        """Measure the cell, and tell recorders of it. A user's policy may raise anything."""
+        return _evaluate(self, recorders)
+
     def died(self, how: str) -> Outcome:
         """Return the outcome where the process died. `how` differs between engines, so it is not in the result."""
         return self._failed(f"the process that ran this {self.noun} died\n", how)
@@ -153,7 +157,7 @@ class Job:
         return self._failed(f"the {self.noun} was not run\n", how, lost=True)
 
     def _failed(self, traceback: str, how: str, *, lost: bool = False) -> Outcome:
-        return self.outcome(self, CellResult(self.cell, traceback=traceback), {"died": how}, lost)
+        return Outcome(self, CellResult(self.cell, traceback=traceback), {"died": how}, lost)
 
 
 def run_job(job: Job, recorders: Sequence[Recorder] = ()) -> Outcome:
@@ -161,14 +165,14 @@ def run_job(job: Job, recorders: Sequence[Recorder] = ()) -> Outcome:
     _warm_up(job)
     started = time.perf_counter()
     try:
-        result = _evaluate(job, recorders)
+        result = job.measure(recorders)
     except Exception as error:  # a user's policy may raise anything, and the other cells go on
         result = CellResult(job.cell, traceback=traceback_of(error))
     seconds = time.perf_counter() - started
     return Outcome(job, result, {"seconds": seconds, **circumstances()})
 
 
-def _evaluate(job: Job, recorders: Sequence[Recorder] = ()) -> CellResult:
+def _evaluate(job: Job, recorders: Sequence[Recorder]) -> CellResult:
     cell = job.cell
     options = environment_options(cell, job.options)
     for metric in job.metrics:
@@ -208,7 +212,7 @@ def _warm_up(job: Job) -> None:
     policy = PolicySpec.parse("late_fusion(delayed=replay)") if apart and job.policy.place else job.policy
     cell, here = replace(job.cell, frames=12 if apart else 3), replace(job.isolation, limit_s=None)
     with contextlib.suppress(Exception):  # the cell itself will report it
-        _evaluate(replace(job, cell=cell, policy=policy, isolation=here))
+        replace(job, cell=cell, policy=policy, isolation=here).measure()
 
 
 @cache

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coopsim.bench.grid.axis import AXES, DEFAULT, HEADING, LATENCY, LOSS, POLICY, POSITION, RATE, USUAL, axis_of
 from coopsim.catalog import is_recordings_folder, is_scenario_file, scenario_file_options
@@ -161,6 +162,7 @@ class CellResult:
             failed.
         bound: the policy was told the truth: an upper bound, which does not compete (`Needs.truth`).
         film: file of the run's film in the store that the result is from; None: it was not filmed.
+        arrays: what a plan measures besides, by name, such as detections.
     """
 
     cell: Cell
@@ -175,6 +177,7 @@ class CellResult:
     arithmetic: str = ""
     bound: bool = False
     film: Path | None = None
+    arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     @property
     def failed(self) -> bool:

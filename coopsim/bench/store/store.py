@@ -2,17 +2,21 @@
 
 It is a cache: the name of a file is a hash of all inputs of its content, so any number of grids, versions and
 commands may share a folder. Results hold only data that are the same in every run; seconds, versions and the like are
-in a JSON file next to each.
+in a JSON file next to each, and arrays in an NPZ file without pickles.
 """
 
 from __future__ import annotations
 
+import io
 import json
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from coopsim.bench.grid.cell import CellResult
 from coopsim.bench.store.cell_file import decode, encode
@@ -70,7 +74,8 @@ class Store:
             raise StoreError(f"{path} is broken: {error}") from error
         if key_of(decided_by) != key:
             raise StoreError(f"{path} is broken: its content has another key, {key_of(decided_by)}")
-        return self._with_film(result, key)
+        arrays = path.with_suffix(".npz")
+        return self._with_film(replace(result, arrays=_read_arrays(arrays)) if arrays.exists() else result, key)
 
     def put(
         self,
@@ -95,6 +100,10 @@ class Store:
         if film is not None:  # before the result: what is interrupted in between is run again
             make_folder(self.folder / FILMS)
             write_durably(self.path_of_film(key), film)
+        if result.arrays:
+            content, arrays = io.BytesIO(), dict[str, Any](result.arrays)
+            np.savez_compressed(content, **arrays)
+            write_durably(path.with_suffix(".npz"), content.getvalue())
         write_durably(path, encode(result, decided_by))
         write_durably(path.with_suffix(".json"), (json.dumps(circumstances or {}, indent=2) + "\n").encode())
         return self._with_film(result, key)
@@ -168,3 +177,11 @@ class Store:
                     path.unlink()
             except OSError:  # another command was quicker
                 continue
+
+
+def _read_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    try:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as arrays:
+            return dict(arrays)
+    except Exception as error:  # a changed byte makes zipfile, zlib and numpy raise almost anything
+        raise StoreError(f"{path} is broken: {type(error).__name__}: {error}") from error

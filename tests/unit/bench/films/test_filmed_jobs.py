@@ -106,8 +106,8 @@ def test_equal_results_with_equal_films_give_equal_reports_and_nothing_is_run(
     def refuse(*args: object, **options: object) -> None:
         raise AssertionError("a report makes no environment")
 
-    for name in ("evaluate.parallel_env", "evaluate.listening_env", "engine.job.evaluate"):
-        monkeypatch.setattr(f"coopsim.bench.{name}", refuse)
+    for name in ("bench.evaluate.listening_env", "bench.engine.job.evaluate", "provided.parallel_env"):
+        monkeypatch.setattr(f"coopsim.{name}", refuse)
     shutil.copytree(store, tmp_path / "copy")
     contents = []
     for folder, out in ((store, "one"), (store, "two"), (tmp_path / "copy", "three")):
