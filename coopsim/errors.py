@@ -16,15 +16,23 @@ _LONGEST, _SHOWN_END = 4000, 500
 _CLOSE, _NEARLY = 0.6, 0.1
 """Least likeness of a name that is suggested, in [0, 1], and how much less than the closest it may have."""
 
+_BEGINNING = 3
+"""Least letters of a beginning that stands for a name."""
+
 _FEW = 12
 """Most names that are listed next to a suggestion: of options there are forty."""
 
 
 def close_names(name: object, known: Iterable[str]) -> list[str]:
-    """Return the names that were probably meant, the closest first: at most three, all about as close as the first."""
-    close = difflib.get_close_matches(str(name), list(known), n=3, cutoff=_CLOSE)
-    share = [difflib.SequenceMatcher(None, each, str(name)).ratio() for each in close]
-    return [each for each, ratio in zip(close, share, strict=True) if ratio >= share[0] - _NEARLY]
+    """Return the names that were probably meant, the closest first: at most three, all about as close as the first.
+
+    Where none is close, those are that begin with `name`, as one that was cut short.
+    """
+    text, accepted = str(name), list(known)
+    close = difflib.get_close_matches(text, accepted, n=3, cutoff=_CLOSE)
+    share = [difflib.SequenceMatcher(None, each, text).ratio() for each in close]
+    begun = [each for each in accepted if len(text) >= _BEGINNING and each.startswith(text)]
+    return [each for each, ratio in zip(close, share, strict=True) if ratio >= share[0] - _NEARLY] or begun[:3]
 
 
 class CoopsimError(Exception):

@@ -321,7 +321,7 @@ def test_a_wrong_type_is_refused_by_the_name_of_its_option(option: str, value: A
             lambda: coopsim.make_policy("track_to_track", delayed="replay"),
             "unknown delayed 'replay'.*as_current, predict",
         ),
-        (lambda: coopsim.make_policy("late_fusion", late="replay"), "'late' of policy .*Did you mean .*'delayed'"),
+        (lambda: coopsim.make_policy("late_fusion", delay="replay"), "'delay' of policy .*Did you mean 'delayed'"),
         (lambda: coopsim.make_policy("late_fusion", merge="max"), "unknown merge 'max'.*mean, nms"),
         (lambda: coopsim.make_policy("yolo"), "Did you mean 'yoloo'"),
         (lambda: coopsim.make_policy("dino_codt_track"), "Did you mean 'dino_codt_tracking'"),
