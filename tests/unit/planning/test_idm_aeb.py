@@ -196,3 +196,8 @@ def test_a_false_track_on_the_road_makes_it_brake_for_nothing() -> None:
 def test_wrong_settings_are_refused(setting: str) -> None:
     with pytest.raises(Exception, match=setting.split("=")[0]):
         make_planner(f"idm_aeb({setting})")
+
+
+def test_it_stands_before_a_red_light() -> None:
+    out = drive([], speed=10.0, seconds=60, bend=lambda along: -1e-9 if along >= 60 else 13.9)  # any limit of 0 or less
+    assert 58 < out.along[-1] < 61 and out.speed[-1] == 0 and min(out.acceleration) > -3.5
