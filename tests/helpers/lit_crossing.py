@@ -58,7 +58,7 @@ def crossing(
         lane = MapLane(f"in{a}", f"out{b}", via, width_m=LANE_M, speed_m_s=speed, curved=True, yields=given)
         roads.append(lane)
     walks = MapWays(
-        nodes={"a": (-40.0, WALK_M), "b": (20.0, WALK_M), "c": (20.0, -WALK_M), "d": (-40.0, -WALK_M)},
+        nodes={"a": (-40.0, WALK_M), "b": (17.0, WALK_M), "c": (17.0, -WALK_M), "d": (-40.0, -WALK_M)},
         ways=(("a", "b"), ("c", "d")),
         crosswalks=(("b", "c"),),
     )
