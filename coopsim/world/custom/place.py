@@ -173,13 +173,13 @@ def road_map_of(
     """Return the outlines (K, 2) m of a place; `paved` has some by kind."""
     lanes = [quad for lane in roads.network.lanes.values() for quad in lane_outline(lane)] + _wedges(roads.network)
     crosswalks, pavements = (walks.crosswalks, walks.pavements) if walks else ([], [])
-    more = {SURFACES[kind]: tuple(outlines) for kind, outlines in paved.items()}
+    more: dict[str, Any] = {SURFACES[kind]: tuple(outlines) for kind, outlines in paved.items()}
     more |= {"lanes": (*lanes, *paved["road"]), "pavements": (*pavements, *paved["pavement"])}
     lines = lane_lines(roads.network, roads.movements)
     lit = [roads.lane(road) for signal in roads.signals for road in signal.roads]
     stops = tuple(np.array([lane.position(0.0, side * lane.width / 2) for side in (-1, 1)]) for lane in lit)
-    outlines = {"crosswalks": tuple(crosswalks), "buildings": tuple(buildings), "walls": tuple(walls)}
-    return RoadMap(markings=lines, stop_lines=stops, **outlines, **more)
+    more |= {"crosswalks": tuple(crosswalks), "buildings": tuple(buildings), "walls": tuple(walls)}
+    return RoadMap(markings=lines, stop_lines=stops, **more)
 
 
 def _wedges(network: RoadNetwork) -> list[Floats]:

@@ -101,7 +101,7 @@ class PolylineLane(Lane):
         return np.array(self.corners["along"])
 
     def widths_at(self, along_m: Floats) -> Floats:
-        return np.interp(along_m, self.corners["along"], self.corners["width"])
+        return np.asarray(np.interp(along_m, self.corners["along"], self.corners["width"]))
 
     def positions(self, along_m: Floats, aside_m: float) -> Floats:
         at = self.corners[np.searchsorted(self.corners["along"], along_m, "right").clip(1, len(self.corners) - 1) - 1]

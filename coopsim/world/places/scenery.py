@@ -140,11 +140,12 @@ def lane_lines(network: RoadNetwork, movements: Collection[Road] = ()) -> tuple[
 
 
 def _curved_lines(lanes: Sequence[PolylineLane]) -> tuple[Floats, ...]:
+    """Return dashes (4, 2) m, counter-clockwise, where two of the lanes lie side by side."""
     corners = np.concatenate([np.zeros(0, CORNER), *(lane.corners for lane in lanes)])
     first, found = np.cumsum([0, *(len(lane.corners) for lane in lanes)]), list[Floats]()
     for number, lane in enumerate(lanes):
         count = int(lane.length / _PERIOD_M)
-        at_m = (np.arange(count) + 0.5) * (lane.length / max(count, 1))
+        at_m = np.asarray((np.arange(count) + 0.5) * (lane.length / max(count, 1)), dtype=np.float64)
         middle = lane.positions(at_m, 0.0)
         left = lane.positions(at_m, 1.0) - middle
         middle += lane.widths_at(at_m)[:, None] / 2 * left

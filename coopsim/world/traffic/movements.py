@@ -98,7 +98,7 @@ def _same_way(line: Floats, i: int, other: Floats, k: int) -> bool:
     ax, ay = line[i + 1, 0] - line[i, 0], line[i + 1, 1] - line[i, 1]
     bx, by = other[k + 1, 0] - other[k, 0], other[k + 1, 1] - other[k, 1]
     ahead = ax * bx + ay * by
-    return ahead > 0 and ahead * ahead > _SAME_WAY * (ax * ax + ay * ay) * (bx * bx + by * by)
+    return bool(ahead > 0 and ahead * ahead > _SAME_WAY * (ax * ax + ay * ay) * (bx * bx + by * by))
 
 
 def _beside(lanes: Sequence[Lane], near_m: Floats) -> Floats:
@@ -171,7 +171,7 @@ def movements_of(
     clear_m = clearances(network.source, roads, clearance_m)
     exits = network.arrays.roads["end"][numbers].astype(np.int64)
     first = np.array([road in priority for road in roads], dtype=np.bool_)
-    role, yields = roles(clear_m, first), np.isfinite(clear_m) & first & ~first[:, None]
+    role, yields = roles(clear_m, first.tolist()), np.isfinite(clear_m) & first & ~first[:, None]
     for road, others in (given or {}).items():
         k = roads.index(road)
         yields[k] = np.isfinite(clear_m[k]) & np.isin(np.arange(len(roads)), [roads.index(other) for other in others])

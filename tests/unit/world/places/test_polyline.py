@@ -10,6 +10,7 @@ from curved_roads import arc
 from coopsim.world.places.layout import lane_outline
 from coopsim.world.places.polyline import PolylineLane
 from coopsim.world.places.road_network import CircularLane, RoadNetwork, StraightLane
+from coopsim.world.places.scenery import lane_lines
 from coopsim.world.traffic.lane_geometry import heading_at, local_coordinates, position_at, radius_at
 from coopsim.world.traffic.lanes import NumberedNetwork
 
@@ -91,3 +92,13 @@ def test_bits_do_not_depend_on_the_number_of_points_asked_for() -> None:
     along = np.linspace(0.0, BEND.length, 9)
     one_by_one = np.array([BEND.position(at, 0.7) for at in along])
     assert BEND.positions(along, 0.7).tobytes() == one_by_one.tobytes()
+
+
+def test_dashes_are_painted_between_two_curved_lanes() -> None:
+    network = RoadNetwork()
+    for name, radius_m in (("a", 40.0), ("b", 43.2), ("c", 60.0)):
+        network.add_lane(name, f"{name}.", PolylineLane(arc((0.0, 0.0), radius_m, 0.0, 1.5, 12), 3.2))
+    dashes = np.array(lane_lines(network))
+    assert len(dashes) == 8 and np.allclose(np.linalg.norm(dashes.mean(axis=1), axis=1), 41.6, atol=0.3)
+    assert all(shapely.Polygon(dash).exterior.is_ccw for dash in dashes)
+    assert not lane_lines(network, [("a", "a."), ("b", "b.")])
