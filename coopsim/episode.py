@@ -60,6 +60,7 @@ class Episode:
         steps: number of steps so far, so that it numbers the frame whose observations are the newest.
         policy_s: wall time that the policy has taken so far, in `run_episode`.
         environment_s: wall time that the environment's steps have taken so far, with the uplinks in it.
+        uplink_s: wall time that the making of messages has taken, as of the last step.
     """
 
     env: CooperativeEnv
@@ -76,6 +77,7 @@ class Episode:
     steps: int = 0
     policy_s: float = 0.0
     environment_s: float = 0.0
+    uplink_s: float = 0.0
 
     @cached_property
     def tracks(self) -> Mapping[str, Tracks]:

@@ -13,8 +13,18 @@ from typing import Any, Self
 _LONGEST, _SHOWN_END = 4000, 500
 """Most letters of a line of a message, and of its end where it is longer."""
 
+_CLOSE, _NEARLY = 0.6, 0.1
+"""Least likeness of a name that is suggested, in [0, 1], and how much less than the closest it may have."""
+
 _FEW = 12
 """Most names that are listed next to a suggestion: of options there are forty."""
+
+
+def close_names(name: object, known: Iterable[str]) -> list[str]:
+    """Return the names that were probably meant, the closest first: at most three, all about as close as the first."""
+    close = difflib.get_close_matches(str(name), list(known), n=3, cutoff=_CLOSE)
+    share = [difflib.SequenceMatcher(None, each, str(name)).ratio() for each in close]
+    return [each for each, ratio in zip(close, share, strict=True) if ratio >= share[0] - _NEARLY]
 
 
 class CoopsimError(Exception):
@@ -50,11 +60,9 @@ class UnknownNameError(CoopsimError, LookupError):
 
     def __init__(self, kind: str, name: object, known: Iterable[str], where: str = "") -> None:
         self.kind, self.name, self.known, self.where = kind, name, tuple(sorted(known)), where
-        # The cut-off is loose on purpose: a wrong suggestion costs a glance, a missing one a search.
-        close = difflib.get_close_matches(str(name), self.known, n=3, cutoff=0.5)
+        close = close_names(name, self.known)
         hints = [f"Did you mean {' or '.join(map(repr, close))}?"] if close else []
-        surely_close = difflib.get_close_matches(str(name), self.known, n=1, cutoff=0.7)
-        if not surely_close or len(self.known) <= _FEW:
+        if not close or len(self.known) <= _FEW:
             hints.append(f"Accepted: {', '.join(self.known)}" if self.known else "There are none")
         super().__init__(f"unknown {kind} {name!r}{where and ' ' + where}. {' '.join(hints)}")
 
@@ -144,6 +152,10 @@ class LostEnvironmentsError(CoopsimError, RuntimeError):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.reports, self.results)
+
+
+class PlugInError(CoopsimError, ImportError):
+    """A part of an installed package cannot be loaded; the message names the package."""
 
 
 class MissingDependencyError(CoopsimError, ImportError):

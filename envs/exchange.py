@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import compress
@@ -36,6 +37,7 @@ class Exchange:
     Attributes:
         channel: the channel.
         lies: the lies of the latest frame.
+        uplink_s: wall time that the making of messages has taken: a network's encoder is there.
     """
 
     def __init__(
@@ -48,6 +50,7 @@ class Exchange:
     ) -> None:
         self.channel = Channel(options.channel_config, seed)
         self.lies: tuple[Lie, ...] = ()
+        self.uplink_s = 0.0
         self._liars = LyingAgents(options.attacks, specs, seed, network_of(options), driven)
         self._uplinks = make_uplinks(options, specs, seed, self._liars)
         self._buildings = buildings if options.channel_config.radio is not None else None
@@ -140,9 +143,11 @@ class Exchange:
                 uplink = self._uplinks[name]
                 served[uplink][name] = self._liars.observed(name, agent.observation, uplink.content)
         sent: dict[str, Message] = {}
+        started = time.perf_counter()
         for uplink, observed in served.items():
             for name, message in uplink.messages(observed).items():
                 sent[name] = _checked(uplink, name, message)
+        self.uplink_s += time.perf_counter() - started
         chosen = {name: self._liars.send(name, sent.get(name)) for name in frame.agents}
         messages = [message for message, _ in chosen.values() if message is not None]
         return messages, {name: further for name, (_, further) in chosen.items() if further}

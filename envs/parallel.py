@@ -219,19 +219,19 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         over = episode.frame = frame.without_probe()  # frees the scene that is over
         self._exchange.tell(over, messages, said)
         frame = self._source.advance(commands, tracks)
-        received, observations = self._observe(frame)
+        received, packed = self._observe(frame)
         self.agents = [] if frame.last else list(frame.agents)
         parts = self._rewards.of_step(counts, over, frame)
         rewards = {name: total(each) for name, each in parts.items()}
-        lies = self._exchange.lies
+        lies, uplink_s = self._exchange.lies, self._exchange.uplink_s
         infos = self._infos.of_step(over, frame, counts, parts, lies)
-        episode.go_on(frame, received, observations=observations, rewards=rewards, infos=infos, lies=lies)
+        episode.go_on(frame, received, observations=packed, rewards=rewards, infos=infos, lies=lies, uplink_s=uplink_s)
         self._scores.on_step(episode)
         self._show_if_human()
         crashed = dict.fromkeys(counts, frame.crashed)
         truncated = dict.fromkeys(counts, frame.last and not frame.crashed)
         self._halfway = False
-        return observations, rewards, crashed, truncated, infos
+        return packed, rewards, crashed, truncated, infos
 
     def frames(self, seed: int, sequence: str | None = None) -> Iterator[Frame]:
         """Yield the frames of an episode as its sensors make them, without exchange and scores: for export.

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from coopsim.agents.policy import Policy
-from coopsim.catalog import PolicySpec, parallel_env
+from coopsim.catalog import PolicySpec
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.envs.parallel import CooperativeEnv
-from coopsim.errors import CoopsimError, InvalidValueError, PolicyMismatchError, UnknownNameError
+from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
+from coopsim.provided import agreed, provided_env
 from coopsim.types import AgentSpec
 
 PolicyLike = str | Policy | None
@@ -139,67 +140,16 @@ def make_provided(
             needs.
         CoopsimError: `parallel_env` refuses it.
     """
-    needed: dict[str, Any] = {}
-    broadcasts = None
-    if "uplink" not in options and (content := _agreed("uplink", _contents(roles))) is not None:
-        needed["uplink"] = broadcasts = Broadcasts(roles[content])
-    if "cameras" not in options and (rig := _agreed("cameras", _rigs(roles))) is not None:
-        needed["cameras"] = roles[rig].needs.cameras
-    if told := [role for role, policy in roles.items() if policy.needs.truth]:
-        if not options.get("expose_ground_truth", True):
-            raise PolicyMismatchError(f"{_described(roles, told[0])} needs the truth: leave out expose_ground_truth")
-        options = {**options, "expose_ground_truth": True}
+    broadcasts, given = None, dict(options)
+    if "uplink" not in options and (content := agreed("uplink", _contents(roles))) is not None:
+        given["uplink"] = broadcasts = Broadcasts(roles[content])
     try:
-        env = parallel_env(environment, **needed, **options)
+        return provided_env(environment, roles, given), broadcasts
     except UnknownNameError as error:
-        if "cameras" in needed and error.name == "cameras":
-            raise PolicyMismatchError(
-                f"{_described(roles, rig)} needs cameras {needed['cameras']!r}, and {str(environment)!r} has none"
-            ) from error
         if error.kind == "option":
             raise UnknownNameError("option", error.name, (*error.known, *_ROLES), error.where) from error.__cause__
         raise
-    try:
-        _require(env, roles, options)
-    except PolicyMismatchError:
-        env.close()
-        raise
-    return env, broadcasts
 
 
 def _contents(roles: Mapping[str, Policy]) -> dict[str, str]:
     return {role: policy.needs.uplink for role, policy in roles.items() if policy.needs.uplink != "none"}
-
-
-def _rigs(roles: Mapping[str, Policy]) -> dict[str, str]:
-    rigs = {role: policy.needs.cameras for role, policy in roles.items()}
-    return {role: "surround" if rig is True else rig for role, rig in rigs.items() if rig}
-
-
-def _agreed(option: str, values: Mapping[str, str]) -> str | None:
-    """Return the first role with a need for this option, None if there is none; refuse different needs."""
-    if len(set(values.values())) > 1:
-        needs = ", ".join(f"{role} {value!r}" for role, value in values.items())
-        raise PolicyMismatchError(
-            f"{option} is one for all agents, and the policies need different ones ({needs}): choose policies that "
-            "need the same or none"
-        )
-    return next(iter(values), None)
-
-
-def _require(env: CooperativeEnv, roles: Mapping[str, Policy], options: Mapping[str, Any]) -> None:
-    for role, policy in roles.items():
-        sent = next(iter(env.agent_specs.values())).uplink
-        if policy.needs.uplink not in ("none", sent):
-            raise PolicyMismatchError(
-                f"{_described(roles, role)} needs uplink {policy.needs.uplink!r}, but the agents broadcast {sent!r}: "
-                f"leave out uplink={options.get('uplink')!r}, and the policies decide it"
-            )
-        try:
-            policy.require(env.agent_specs)
-        except PolicyMismatchError as error:
-            raise error.at(role) from error.__cause__
-
-
-def _described(roles: Mapping[str, Policy], role: str | None) -> str:
-    return f"{role} ({type(roles[role]).__name__})" if role is not None else "a policy"

@@ -22,7 +22,7 @@ from PIL import Image
 from tqdm import tqdm
 
 import coopsim
-from coopsim.cli.arguments import names, seeds
+from coopsim.cli.argument_types import names, seeds
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.sensors.camera.camera import Camera

@@ -30,8 +30,7 @@ from scipy.special import expit
 
 from coopsim.agents.boxes import LateFusion
 from coopsim.agents.coop_fuse import LEAST_CHANCE, LIKELIHOOD, MERGE_GATE, CoopFuse, Weights
-from coopsim.bench.evaluate import listening_env
-from coopsim.cli.arguments import seeds
+from coopsim.cli.argument_types import seeds
 from coopsim.data.recording_set import Recording, RecordingSet
 from coopsim.episode import Episode, Recorder, run_episode
 from coopsim.fusion.box_fusion import correspond_rows, trust_likelier
@@ -44,6 +43,7 @@ from coopsim.geometry.se3 import SE3, Floats
 from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.score import summarize
 from coopsim.metrics.track_log import TrackLog
+from coopsim.provided import listening_env
 from coopsim.support.rng import stream
 from coopsim.tracking.lifecycle import Likelihood
 from coopsim.types import Detections, GroundTruth, Mask, Observation, Tracks

@@ -12,7 +12,7 @@ import argparse
 
 import torch
 
-from coopsim.cli.arguments import names
+from coopsim.cli.argument_types import names
 from coopsim.data.recording_set import RecordingSet
 from coopsim.learn.losses.filter_losses import recording_errors
 from coopsim.learn.samples.windows import frames_of

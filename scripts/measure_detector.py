@@ -31,7 +31,8 @@ from coopsim.bench.detect.protocols import PROTOCOLS, VEHICLES, among
 from coopsim.bench.detect.ranking import SURE, Overlaps, Ranking
 from coopsim.bench.engine.engine import Engine
 from coopsim.bench.results.statistics import mean_interval
-from coopsim.cli.arguments import add_options, named_options, names
+from coopsim.cli.argument_types import names
+from coopsim.cli.arguments import add_options, named_options
 from coopsim.errors import CoopsimError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats

@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from tabulate import tabulate
 
-from coopsim.cli.arguments import names, numbers, seeds
+from coopsim.cli.argument_types import names, numbers, seeds
 from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.simulated import SimulatedClips
 from coopsim.learn.clips.world_recipe import WorldRecipe

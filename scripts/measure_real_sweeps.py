@@ -24,12 +24,13 @@ import numpy as np
 from tabulate import tabulate
 
 from coopsim.bench.detect.detect import Measured, measure_detection, metrics_of
-from coopsim.bench.detect.detect_plan import DetectPlan, Disturbance
+from coopsim.bench.detect.detect_plan import DetectPlan
+from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.detect.protocols import PROTOCOLS
 from coopsim.bench.detect.range_table import range_table
 from coopsim.bench.detect.sweep_pictures import draw_measured
 from coopsim.bench.engine.engine import Engine
-from coopsim.cli.arguments import count, names, numbers
+from coopsim.cli.argument_types import count, names, numbers
 from coopsim.support.files import write_whole
 
 PROTOCOL, WITHIN_M = "coopsim", 50.0
@@ -128,11 +129,11 @@ def _row(start: str, number: int, detectors: Mapping[Path, str], keep: Path) -> 
     parts = []
     for frame, detector in detectors.items():
         folder = linked([frame], keep)
-        (job,) = plan_of(folder, detector).jobs_of("no_fusion", folder, Disturbance())
-        outcome = job.run()
-        if outcome.perceived is None:
-            raise SystemExit(outcome.result.traceback)
-        parts.append(Measured.of(outcome.perceived, PROTOCOL, WITHIN_M).rankings)
+        (job,) = plan_of(folder, detector).jobs()
+        result = job.run().result
+        if result.failed:
+            raise SystemExit(result.traceback)
+        parts.append(Measured.of(Perceived.from_arrays(result.arrays), PROTOCOL, WITHIN_M).rankings)
     values = metrics_of(PROTOCOLS.get(PROTOCOL)(), parts)
     return {"start": start, "frames": number, **{name: values[name] for name in SHOWN}}
 

@@ -25,7 +25,7 @@ from coopsim.bench.grid.cell import Cell, Condition
 from coopsim.bench.results.statistics import mean_interval
 from coopsim.bench.store.fingerprint import fingerprint, key_of
 from coopsim.catalog import PolicySpec
-from coopsim.cli.arguments import names, seeds
+from coopsim.cli.argument_types import names, seeds
 from coopsim.detection.oracle import Oracle, OracleDetector
 from coopsim.detection.presets import DEFAULT_DETECTOR, make_detector
 from coopsim.support.files import write_whole

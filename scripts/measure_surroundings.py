@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from tabulate import tabulate
 
-from coopsim.cli.arguments import count, names, seeds
+from coopsim.cli.argument_types import count, names, seeds
 from coopsim.errors import CoopsimError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.iou import center_distance_bev, iou_bev

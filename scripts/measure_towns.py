@@ -25,7 +25,7 @@ from tqdm import tqdm
 
 import coopsim
 from coopsim.bench.results.statistics import mean_interval
-from coopsim.cli.arguments import seeds
+from coopsim.cli.argument_types import seeds
 from coopsim.data.recording_set import RecordingSet
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.types.taxonomy import ObjectClass

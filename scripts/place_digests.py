@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.cli.arguments import seeds
+from coopsim.cli.argument_types import seeds
 from coopsim.envs.simulated.scenario_file import load_scenario_file
 from coopsim.geometry.se3 import SE3
 from coopsim.world.drawn_places import choose_scenarios

@@ -20,7 +20,8 @@ from tqdm import tqdm
 
 import coopsim
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.cli.arguments import names, stored_results
+from coopsim.cli.argument_types import names
+from coopsim.cli.arguments import stored_results
 from coopsim.data.recording_set import RecordingSet
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream

@@ -32,7 +32,7 @@ from tabulate import tabulate
 from town_survey import JAM_S, Standstill, find_faults, fingerprint, survey_traffic
 from tqdm import tqdm
 
-from coopsim.cli.arguments import names, seeds
+from coopsim.cli.argument_types import names, seeds
 from coopsim.envs.simulated.scenario_file import load_scenario_file
 from coopsim.world.drawn_options import PlaceSeeds, TownOptions
 from coopsim.world.population import Population

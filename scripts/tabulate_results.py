@@ -31,7 +31,8 @@ from coopsim.bench.grid.labels import varying_axes
 from coopsim.bench.report.bench_text import form_of
 from coopsim.bench.results.statistics import mean_interval
 from coopsim.catalog import PolicySpec
-from coopsim.cli.arguments import names, stored_results
+from coopsim.cli.argument_types import names
+from coopsim.cli.arguments import stored_results
 from coopsim.support.files import write_whole
 from coopsim.support.svg import line_style, to_svg
 

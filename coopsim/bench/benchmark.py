@@ -1,18 +1,14 @@
-"""A benchmark from the grid to the results: finished cells are taken from the store, the others are run."""
+"""A benchmark from the grid to the results: all that it names is tried first, then its jobs are run."""
 
 from __future__ import annotations
 
 import inspect
 import math
-from collections import defaultdict, deque
-from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import closing
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 
 from coopsim.bench.engine.engine import Engine
-from coopsim.bench.engine.job import Job, MetricSpec, Outcome
-from coopsim.bench.evaluate import listening_env
+from coopsim.bench.engine.job import Job, MetricSpec
 from coopsim.bench.grid.axis import ATTACKS, LATENCY, POLICY, RATE
 from coopsim.bench.grid.cell import (
     Cell,
@@ -26,29 +22,12 @@ from coopsim.bench.grid.grid import Grid
 from coopsim.bench.grid.policies import of_cell, takes
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.paper.provenance import Provenance
+from coopsim.bench.run_jobs import Progress, run_jobs
 from coopsim.bench.store.fingerprint import Sources
 from coopsim.bench.store.store import Store
 from coopsim.catalog import NAMESPACE, PolicySpec, newest
 from coopsim.errors import InvalidValueError, StoreError, UnknownNameError
-
-
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """Progress of a benchmark.
-
-    Attributes:
-        cells: number of cells of the grid.
-        stored: number of cells that were in the store at the start.
-        done: number of cells run since.
-        left_s: estimated remaining work for one worker, s; None before the first outcome.
-        outcome: latest outcome.
-    """
-
-    cells: int
-    stored: int
-    done: int = 0
-    left_s: float | None = None
-    outcome: Outcome | None = None
+from coopsim.provided import listening_env
 
 
 def benchmark(
@@ -87,7 +66,6 @@ def benchmark(
     Raises:
         CoopsimError: a name is unknown or a value is not accepted; the message says what is accepted.
     """
-    engine = engine or Engine()
     policies = check(grid, isolation)
     store = Store(folder)
     metrics = MetricSpec.all()  # after `check`, which loads the policies' files
@@ -95,22 +73,12 @@ def benchmark(
     cells = grid.cells() if only is None else only
     jobs = [Job.of(cell, grid.options, policies[cell.policy], metrics, isolation, sources) for cell in cells]
     store.begin([job.key for job in jobs], Provenance.of(grid, command, isolation).as_data())
-    results = _stored(store, jobs, on_broken)
-    results = {cell: result for cell, result in results.items() if not (result.failed and retry_failed)}
-    progress = Progress(len(jobs), len(results))
-    on_progress(progress)
-    if progress.stored == progress.cells:  # start no engine
-        return [results[job.cell] for job in jobs]
-    schedule = Schedule(job for job in jobs if job.cell not in results)
-    with closing(engine.run(schedule)) as outcomes:
-        for outcome in outcomes:
-            if not outcome.lost:
-                store.put(outcome.result, outcome.job.decided_by, outcome.circumstances)
-            results[outcome.job.cell] = outcome.result
-            schedule.learn(outcome)
-            progress = replace(progress, done=progress.done + 1, left_s=schedule.left_s(), outcome=outcome)
-            on_progress(progress)
-    return [results[job.cell] for job in jobs]
+
+    def is_kept(job: Job, result: CellResult) -> bool:
+        return not (result.failed and retry_failed)
+
+    results = run_jobs(jobs, engine, store, is_kept=is_kept, on_progress=on_progress, on_broken=on_broken)
+    return [results[job.key] for job in jobs]
 
 
 def check(grid: Grid, isolation: Isolation = Isolation()) -> dict[str, PolicySpec]:  # noqa: B008  (frozen)
@@ -175,69 +143,3 @@ def _require_no_condition(scenario: str) -> None:
                 f"scenarios must have no {name} of their own in a grid, got {scenario!r}: move it to the grid's "
                 "options, where it is the same in all cells"
             )
-
-
-def _stored(store: Store, jobs: Iterable[Job], on_broken: Callable[[StoreError], object]) -> dict[Cell, CellResult]:
-    """Return the results in the store, by cell."""
-    found = {}
-    for job in jobs:
-        try:
-            result = store.get(job.key)
-            if result is not None and result.cell != job.cell:
-                raise StoreError(f"{store.path_of(job.key)} is broken: it is of another cell, {result.cell}")
-        except StoreError as error:
-            on_broken(error)
-            continue
-        if result is not None:
-            found[job.cell] = result
-    return found
-
-
-_Kind = tuple[str, str]
-"""Policy and scenario, which decide the duration of a cell of a given number of frames."""
-
-
-class Schedule(Iterator[Job]):
-    """Hands out jobs, and learns from outcomes how long the remaining ones take."""
-
-    def __init__(self, jobs: Iterable[Job]) -> None:
-        self._left: defaultdict[_Kind, deque[Job]] = defaultdict(deque)
-        for job in jobs:
-            self._left[_kind(job)].append(job)
-        self._seconds: defaultdict[_Kind, list[float]] = defaultdict(list)
-        self._running: defaultdict[_Kind, int] = defaultdict(int)
-
-    def __next__(self) -> Job:
-        """Return a job of a kind that was not begun yet, else one of the kind that takes longest."""
-        waiting = [kind for kind, jobs in self._left.items() if jobs]
-        if not waiting:
-            raise StopIteration
-        kind = max(waiting, key=lambda each: self._expected_s(each, unknown_s=0.0 if self._running[each] else math.inf))
-        self._running[kind] += 1
-        return self._left[kind].popleft()
-
-    def learn(self, outcome: Outcome) -> None:
-        """Note the duration of a job."""
-        kind = _kind(outcome.job)
-        self._running[kind] -= 1
-        self._seconds[kind].append(outcome.seconds)
-
-    def left_s(self) -> float | None:
-        """Estimate the remaining work for one worker, s; None before the first outcome."""
-        known = [second for seconds in self._seconds.values() for second in seconds]
-        if not known:
-            return None
-        mean_s = sum(known) / len(known)
-        # Half of each running job is done.
-        return sum(
-            (len(self._left[kind]) + self._running[kind] / 2) * self._expected_s(kind, unknown_s=mean_s)
-            for kind in list(self._left)
-        )
-
-    def _expected_s(self, kind: _Kind, *, unknown_s: float) -> float:
-        seconds = self._seconds[kind]
-        return sum(seconds) / len(seconds) if seconds else unknown_s
-
-
-def _kind(job: Job) -> _Kind:
-    return job.cell.policy, job.cell.condition.scenario

@@ -5,22 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import coopsim
 from coopsim.bench.engine.job import result_of
-from coopsim.bench.evaluate import Evaluation, evaluate, listening_env
+from coopsim.bench.evaluate import Evaluation, evaluate
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.grid.policies import arithmetic_of
 from coopsim.bench.report.bench_report import About, write_bench_report
 from coopsim.bench.report.scene import Film, Scene, SceneRun
 from coopsim.bench.results.result_table import ResultTable, named
 from coopsim.catalog import PolicySpec
+from coopsim.episode import Episode, Recorder
 from coopsim.errors import EpisodeStateError
+from coopsim.provided import listening_env
 from coopsim.types import CameraImage, Tracks
-
-if TYPE_CHECKING:
-    from coopsim.envs.parallel import CooperativeEnv
 
 _POINTS_SHOWN = 2500
 
@@ -53,6 +52,7 @@ class DemoRun:
     latency_s: float | None
     evaluation: Evaluation
     film: Film
+    watch: _Watch
 
     @property
     def about(self) -> dict[str, str]:
@@ -72,6 +72,19 @@ class DemoRun:
         return result_of(Cell(self.policy, condition, config.seed, config.frames), self.evaluation, used)
 
 
+class _Watch(Recorder):
+    """Calls a function after every step, and keeps the images of all cameras after a number of steps; 0: none."""
+
+    def __init__(self, tick: Callable[[], object], moment: int) -> None:
+        self._tick, self._moment, self.time_ns = tick, moment, 0
+        self.images: Mapping[str, Mapping[str, CameraImage]] = {}
+
+    def on_step(self, episode: Episode) -> None:
+        if episode.steps == self._moment:
+            self.images, self.time_ns = episode.env.photograph(), episode.env.time_ns
+        self._tick()
+
+
 class Demo:
     """Runs the demonstration. Finished runs stay in `runs`, also when it is interrupted.
 
@@ -82,8 +95,6 @@ class Demo:
     def __init__(self, config: DemoConfig) -> None:
         self.config = config
         self.runs: list[DemoRun] = []
-        self._images: Mapping[str, Mapping[str, CameraImage]] = {}
-        self._images_ns = 0
         for policy in [PolicySpec.parse(text).make() for text in config.policies]:
             for latency_s in config.latencies_s:
                 listening_env(config.environment, policy, self._options(latency_s)).close()
@@ -116,28 +127,22 @@ class Demo:
     def _run_one(self, policy: str, latency_s: float | None, tick: Callable[[], object]) -> DemoRun:
         """Run a policy. The first run films what all share: truth, points, and one moment through the cameras."""
         config, first = self.config, not self.runs
-        film = Film(_POINTS_SHOWN if first else 0)
-
-        def on_frame(env: CooperativeEnv) -> None:
-            if first and len(film.frames) == config.frames // 2 + 1:
-                self._images, self._images_ns = env.photograph(), env.time_ns
-            tick()
-
-        options = self._options(latency_s) | {"on_frame": on_frame, "recorders": [film]}
+        film, watch = Film(_POINTS_SHOWN if first else 0), _Watch(tick, config.frames // 2 + 1 if first else 0)
+        options = self._options(latency_s) | {"recorders": [film, watch]}
         evaluation = evaluate(policy, config.environment, seed=config.seed, **options)
-        return DemoRun(policy, latency_s, evaluation, film)
+        return DemoRun(policy, latency_s, evaluation, film, watch)
 
     def _scene(self) -> Scene:
-        film = self.runs[0].film
+        film, watch = self.runs[0].film, self.runs[0].watch
         runs = [
             SceneRun(f"{run.policy}, {run.about['latency']}", run.policy, run.evaluation.rewards, run.tracks)
             for run in self.runs
         ]
         cameras = {
             agent: {camera: image.rgb for camera, image in images.items() if image.rgb is not None}
-            for agent, images in self._images.items()
+            for agent, images in watch.images.items()
         }
-        return Scene(film.dt_s, film.road_map, film.frames, runs, cameras, self._images_ns)
+        return Scene(film.dt_s, film.road_map, film.frames, runs, cameras, watch.time_ns)
 
     def _settings(self) -> dict[str, str]:
         config, first = self.config, self.runs[0]

@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 from coopsim.bench.benchmark import check
-from coopsim.bench.detect.detect_plan import DetectJob, DetectPlan
-from coopsim.bench.detect.perceived import PerceivedFiles
+from coopsim.bench.detect.detect_plan import DetectPlan
 from coopsim.bench.engine.job import Job, MetricSpec, run_job
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.store.fingerprint import Sources
 from coopsim.bench.store.store import CELLS, Store
 from coopsim.episode import Episode, Recorder
-from coopsim.errors import StoreError
 from coopsim.support.processes import cores
 
 Kind = tuple[str, str]
 """Policy and environment, which decide the duration of a run."""
-
-JobT = TypeVar("JobT", bound=Job)
 
 _TIMED_FRAMES = 5
 
@@ -66,14 +59,7 @@ def estimate_benchmark(grid: Grid, folder: Path, isolation: Isolation = Isolatio
     """
     policies, metrics, sources = check(grid, isolation), MetricSpec.all(), Sources()
     jobs = [Job.of(cell, grid.options, policies[cell.policy], metrics, isolation, sources) for cell in grid.cells()]
-    store = Store(folder) if (folder / CELLS).is_dir() else None
-
-    def stored_s(job: Job) -> float | None:
-        if store is None or not store.path_of(job.key).is_file():
-            return None
-        return float(store.circumstances(job.key).get("seconds", math.nan))
-
-    return _estimate(jobs, stored_s, _seconds_of_cell, lambda job: 1)
+    return _estimate(jobs, folder)
 
 
 def estimate_detection(plan: DetectPlan, folder: Path | None) -> Estimate:
@@ -83,39 +69,21 @@ def estimate_detection(plan: DetectPlan, folder: Path | None) -> Estimate:
         CoopsimError: a name is unknown or a value is not accepted.
     """
     plan.check()
-    jobs = [job for row in plan.rows() for job in plan.jobs_of(*row)]
-    files = None if folder is None or not folder.is_dir() else PerceivedFiles(folder)
-    stored_s = partial(_stored_frame_s, files)
-    return _estimate(jobs, stored_s, _frame_s_of_episode, lambda job: job.pace.cycles)
+    return _estimate(plan.jobs(), folder)
 
 
-def _estimate(
-    jobs: Sequence[JobT],
-    stored_s: Callable[[JobT], float | None],
-    measured_s: Callable[[JobT], float],
-    count: Callable[[JobT], int],
-) -> Estimate:
-    """Estimate the work of jobs.
-
-    Args:
-        jobs: all jobs.
-        stored_s: returns the seconds of a job's unit that are stored, NaN if unknown; None: the job is not stored.
-        measured_s: runs a part of a job, and returns seconds of its unit.
-        count: returns the number of units of a job.
-    """
-    stored: defaultdict[Kind, list[float]] = defaultdict(list)
-    waiting = []
+def _estimate(jobs: Sequence[Job], folder: Path | None) -> Estimate:
+    store = None if folder is None or not (folder / CELLS).is_dir() else Store(folder)
+    known, waiting = defaultdict[Kind, list[float]](list), list[Job]()
     for job in jobs:
-        seconds = stored_s(job)
-        if seconds is None:
+        if store is None or not store.path_of(job.key).is_file():
             waiting.append(job)
-        elif not math.isnan(seconds):
-            stored[_kind(job)].append(seconds)
+        elif "seconds" in (told := store.circumstances(job.key)):
+            known[_kind(job)].append(float(told["seconds"]))
     first = {_kind(job): job for job in reversed(waiting)}
-    known = {kind: sum(each) / len(each) for kind, each in stored.items()}
-    found, timed = _complete(known, first, lambda kind: measured_s(first[kind]))
-    left_s = sum(found[_kind(job)] * count(job) for job in waiting)
-    return Estimate(len(jobs), len(jobs) - len(waiting), left_s, timed)
+    means = {kind: sum(each) / len(each) for kind, each in known.items()}
+    found, timed = _complete(means, first, lambda kind: _seconds_of(first[kind]))
+    return Estimate(len(jobs), len(jobs) - len(waiting), sum(found[_kind(job)] for job in waiting), timed)
 
 
 def _complete(
@@ -146,6 +114,10 @@ def _complete(
     return found, measured
 
 
+def _kind(job: Job) -> Kind:
+    return job.cell.policy, job.cell.condition.scenario
+
+
 class _Clock(Recorder):
     """Time at the end of each step."""
 
@@ -156,12 +128,8 @@ class _Clock(Recorder):
         self.ends.append(time.perf_counter())
 
 
-def _kind(job: Job) -> Kind:
-    return job.cell.policy, job.cell.condition.scenario
-
-
-def _seconds_of_cell(job: Job) -> float:
-    """Run the first frames of a cell, and return the seconds of the whole; without a fixed length, run the whole."""
+def _seconds_of(job: Job) -> float:
+    """Run the first frames of a job, and return the seconds of the whole; without a fixed length, run the whole."""
     frames = job.cell.frames
     if frames is None:
         return run_job(job).seconds
@@ -170,20 +138,3 @@ def _seconds_of_cell(job: Job) -> float:
     outcome, ends = run_job(short, [clock]), clock.ends
     frame_s = (ends[-1] - ends[0]) / (len(ends) - 1) if len(ends) > 1 else 0.0
     return outcome.seconds + frame_s * max(frames - len(ends), 0)
-
-
-def _stored_frame_s(files: PerceivedFiles | None, job: DetectJob) -> float | None:
-    """Return the seconds of a frame of a stored episode; None if there is none, or it is broken."""
-    try:
-        perceived = None if files is None else files.get(job.key)
-    except StoreError:
-        return None
-    return None if perceived is None else sum(perceived.ms.values()) / 1000
-
-
-def _frame_s_of_episode(job: DetectJob) -> float:
-    """Run two measured frames twice, as the first run compiles, and return the seconds of a frame; 0 if it fails."""
-    short = replace(job, pace=replace(job.pace, frames=min(job.pace.frames, 2)))
-    short.perform()
-    perceived = short.perform().perceived
-    return 0.0 if perceived is None else sum(perceived.ms.values()) / 1000

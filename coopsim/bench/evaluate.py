@@ -13,15 +13,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coopsim.catalog import PolicySpec, parallel_env, usual_seed
+from coopsim.catalog import PolicySpec, usual_seed
 from coopsim.comms.channel.channel import ChannelCounts
 from coopsim.episode import Episode, Recorder, run_episode
-from coopsim.errors import InvalidValueError, PolicyMismatchError, UnknownNameError
+from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.recorders import TRACKS
 from coopsim.metrics.score import Score, summarize
+from coopsim.provided import listening_env
 from coopsim.support.checks import require_choice
 from coopsim.types import NS_PER_S, GroundTruth, Tracks
 
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from coopsim.envs.parallel import CooperativeEnv
 
 OnFrame = Callable[["CooperativeEnv"], None]
-"""A function that is called after every step, and must not step itself."""
+"""A function that is called after every step, and must not step itself; a recorder replaces it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,7 +112,7 @@ def evaluate(
         policy: a policy, or a text for `PolicySpec`: its name with parameters, or the place of its class.
         environment: name of the environment.
         seed: decides everything in the episode; None: 0, or the scenario file's.
-        on_frame: called after every step.
+        on_frame: will go: give a recorder with `on_step`.
         recorders: keep what they want of the episode.
         **options: options of the environment, but not `uplink`, which the policy decides.
 
@@ -121,26 +122,25 @@ def evaluate(
     policy = _instance(policy)
     seed = usual_seed(environment) if seed is None else seed
     with closing(listening_env(environment, policy, options)) as env:
-        return _evaluate(env, policy, seed, _Progress(on_frame), recorders)
+        return _evaluate(env, policy, seed, (*recorders, *_watching(on_frame)))
 
 
 def rollout(env: CooperativeEnv, policy: Policy | str, seed: int | None = None) -> Evaluation:
     """Run a policy through one episode of an environment, which stays open. Use `coopsim.run_episode` instead."""
     warnings.warn("coopsim.rollout will go: use coopsim.run_episode, then env.score()", DeprecationWarning, 2)
-    return _evaluate(env, _instance(policy), seed, _Progress(None), ())
+    return _evaluate(env, _instance(policy), seed)
 
 
-def _evaluate(
-    env: CooperativeEnv, policy: Policy, seed: int | None, progress: _Progress, recorders: Sequence[Recorder]
-) -> Evaluation:
+def _evaluate(env: CooperativeEnv, policy: Policy, seed: int | None, recorders: Sequence[Recorder] = ()) -> Evaluation:
     _warm_up()
-    episode = run_episode(env, policy, (*recorders, progress), seed=seed)
+    kept = _Rewards()
+    episode = run_episode(env, policy, (*recorders, kept), seed=seed)
     # A policy with its own `act` may not count.
     rejected, counts = getattr(policy, "rejected", {}), getattr(policy, "counts", {})
     return Evaluation(
         env.score(),
-        np.array(progress.rewards),
-        len(progress.rewards),
+        np.array(kept.rewards),
+        len(kept.rewards),
         episode.policy_s + episode.environment_s,
         replace(env.channel_counts, rejected=sum(rejected.values())),
         env.link_counts,
@@ -159,6 +159,7 @@ def evaluate_recordings(
     sequences: Sequence[str] | None = None,
     seed: int = 0,
     on_frame: OnFrame | None = None,
+    recorders: Sequence[Recorder] = (),
     **options: Any,
 ) -> RecordingsEvaluation:
     """Run a policy over the sequences of a folder of recordings and pool the scores.
@@ -170,13 +171,14 @@ def evaluate_recordings(
             recordings with sweeps, whose agents are their own.
         sequences: names of those to play; None: all.
         seed: decides losses and delays of the channel.
-        on_frame: called after every step.
+        on_frame: will go: give a recorder with `on_step`.
+        recorders: keep what they want of every sequence.
         **options: options of the replay environment, but not `uplink`, which the policy decides.
 
     Raises:
         CoopsimError: a name is unknown, a value is not accepted, or a file is broken.
     """
-    policy = _instance(policy)
+    policy, recorders = _instance(policy), (*recorders, *_watching(on_frame))
     env = listening_env("replay", policy, replay_keywords(path, detections, options))
     _warm_up()
     kept: dict[str, dict[str, list[Any]]] = {agent: defaultdict(list) for agent in env.possible_agents}
@@ -186,7 +188,7 @@ def evaluate_recordings(
     try:
         for sequence in env.sequences if sequences is None else sequences:
             require_choice("sequence", sequence, env.sequences)
-            episode = run_episode(env, policy, [_Progress(on_frame)], seed=seed, options={"sequence": sequence})
+            episode = run_episode(env, policy, recorders, seed=seed, options={"sequence": sequence})
             episode_s = env.time_ns / NS_PER_S + dt_s
             seconds, frames = seconds + episode.policy_s + episode.environment_s, frames + episode.steps
             for name, records in env.records.items():
@@ -217,17 +219,24 @@ def replay_keywords(path: str | Path, detections: Sequence[str] | None, options:
     return {"path": path, **({} if detections is None else {"detections": detections}), **options}
 
 
-class _Progress(Recorder):
-    """Mean rewards of each frame, and a caller's function after every step."""
+class _Rewards(Recorder):
+    """Mean rewards over agents, of each frame."""
 
-    def __init__(self, on_frame: OnFrame | None) -> None:
+    def __init__(self) -> None:
         self.rewards: list[float] = []
-        self._on_frame = on_frame
 
     def on_step(self, episode: Episode) -> None:
         self.rewards.append(float(np.mean(list(episode.rewards.values()))))
-        if self._on_frame is not None:
-            self._on_frame(episode.env)
+
+
+def _watching(on_frame: OnFrame | None) -> list[Recorder]:
+    """Return a recorder that calls a caller's function after every step; none without one."""
+    if on_frame is None:
+        return []
+    warnings.warn("on_frame will go: give recorders=[...] with one that has on_step", DeprecationWarning, stacklevel=3)
+    watcher = Recorder()
+    watcher.on_step = lambda episode: on_frame(episode.env)  # type: ignore[method-assign]
+    return [watcher]
 
 
 def _warm_up() -> None:
@@ -246,37 +255,3 @@ def _instance(policy: Policy | str) -> Policy:
     if not hasattr(policy, "act"):
         raise InvalidValueError(f"policy must be a coopsim.Policy or the name of one, got {policy!r}")
     return policy
-
-
-def listening_env(environment: str, policy: Policy, options: Mapping[str, Any]) -> CooperativeEnv:
-    """Make the environment that provides what the policy needs: its uplink, LiDAR, cameras, or the truth.
-
-    Raises:
-        CoopsimError: an uplink is among the options, or the environment cannot provide what the policy needs.
-    """
-    needs = policy.needs
-    if "uplink" in options:
-        raise InvalidValueError(
-            f"uplink is not an option here: {type(policy).__name__} decides it, and says {needs.uplink!r}"
-        )
-    needed: dict[str, Any] = {"cameras": needs.cameras} if needs.cameras else {}
-    if needs.truth:
-        if not options.get("expose_ground_truth", True):
-            raise PolicyMismatchError(f"{type(policy).__name__} needs the truth: leave out expose_ground_truth=False")
-        needed["expose_ground_truth"] = True
-    if needs.uplink == "none":  # the codec is for the content of other policies in the same comparison
-        options = {name: value for name, value in options.items() if name != "codec"}
-    try:
-        env = parallel_env(environment, **{"uplink": policy, **needed, **options})
-    except UnknownNameError as error:
-        if needs.cameras and error.name == "cameras" and "cameras" not in options:
-            raise PolicyMismatchError(
-                f"{type(policy).__name__} needs cameras {needs.cameras!r}, and {environment!r} has none"
-            ) from error
-        raise
-    try:
-        policy.require(env.agent_specs)
-    except PolicyMismatchError:
-        env.close()
-        raise
-    return env

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from tabulate import tabulate
 
-from coopsim.bench.evaluate import RecordingsEvaluation, evaluate_recordings, listening_env, replay_keywords
+from coopsim.bench.evaluate import RecordingsEvaluation, evaluate_recordings, replay_keywords
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.report.bench_text import METHODS_TITLE, columns, format_value, score_row
 from coopsim.bench.report.formats import to_csv_text
@@ -20,6 +20,7 @@ from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.metrics.clear import RECALL_POINTS
 from coopsim.metrics.metric import PRIMARY_METRIC
 from coopsim.metrics.score import Score
+from coopsim.provided import listening_env
 from coopsim.support.files import make_folder, write_whole
 from coopsim.support.svg import line_style, to_svg
 

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coopsim.bench.evaluate import listening_env
 from coopsim.catalog import PolicySpec, refuse_writing
 from coopsim.data.export.export_card import CARD, DONE, read_card
 from coopsim.data.export.export_format import LineFile, make_export_format
@@ -41,6 +40,7 @@ from coopsim.geometry.se3 import SE3, Floats
 from coopsim.metrics.clear import NearSweep, sweep_near
 from coopsim.metrics.matching import NEAR_M, find_candidate_pairs
 from coopsim.metrics.track_log import FlatLog, TrackLog
+from coopsim.provided import listening_env
 from coopsim.support.files import locked, make_folder
 from coopsim.support.user_code import code_in
 from coopsim.types import GroundTruth, Ints, ObjectClass, Tracks

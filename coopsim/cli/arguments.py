@@ -1,21 +1,17 @@
-"""Arguments that several commands share, and exit statuses."""
+"""Flags that several commands share, the parser, and exit statuses."""
 
 from __future__ import annotations
 
 import argparse
-import difflib
-import itertools
 import json
 import shlex
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
-import yaml
-
-from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
-from coopsim.support.checks import as_runs
+from coopsim.cli.argument_types import attacks, count, count_or_zero, named_value, numbers, seconds, seeds
+from coopsim.errors import InvalidValueError, UnknownNameError, close_names
 
 if TYPE_CHECKING:
     from coopsim.bench.grid.cell import CellResult
@@ -66,7 +62,7 @@ class Parser(argparse.ArgumentParser):
         """Suggest the close options, or list all where nothing is close. Old names are not suggested."""
         actions = self._option_string_actions.items()
         known = [name for name, each in actions if name.startswith("--") and each.help != argparse.SUPPRESS]
-        close = difflib.get_close_matches(option, known, n=2, cutoff=0.5)
+        close = close_names(option, known)
         return f"Did you mean {' or '.join(close)}?" if close else f"Accepted: {', '.join(known)}"
 
 
@@ -85,12 +81,51 @@ def add_old_name(parser: argparse._ActionsContainer, old: str, new: argparse.Act
     parser.add_argument(old, action=_OldName, help=argparse.SUPPRESS, default=argparse.SUPPRESS, **like | changed)
 
 
+# fmt: off
+_FLAGS: Mapping[str, Mapping[str, Any]] = {
+    "--seeds": {"type": seeds, "metavar": "0-4", "help": "an episode each"},
+    "--workers": {"type": count, "help": "at once (default: as many as cores)"},
+    "--json": {"type": Path, "metavar": "PATH", "help": "write the numbers here as well"},
+    "--detector": {"metavar": "NAME", "help": "name(parameter=value), see `list` (default: the environment's)"},
+    "--device": {"default": "cpu", "metavar": "NAME",
+                 "help": "of networks: cpu, cuda, cuda:1 or auto, a GPU if there is one (default: cpu)"},
+    "--attack": {"type": attacks, "action": "append", "default": [], "metavar": "cav_1=ghost"},
+    "--option": {"type": named_value, "action": "append", "default": [], "metavar": "NAME=VALUE"},
+    "--dry-run": {"action": "store_true", "help": "run nothing but a few frames for timing; print what there is to "
+                  "run, and the hours that it takes"},
+    "--isolate": {"type": seconds, "nargs": "?", "const": 60.0, "metavar": "SECONDS", "help": "run each agent in a "
+                  "process of its own, which gets its observations alone; time limit of a frame: 60 s"},
+    # The name of a file would stand among the arguments, which every process may read.
+    "--salt-fd": {"type": count_or_zero, "metavar": "N", "help": "open file with a secret that, with the seeds, "
+                  "decides the episodes (16 bytes or more), as in `3< FILE`"},
+    "--all-grids": {"action": "store_true",
+                    "help": "results of all grids that were run into the folder, not of the latest alone"},
+    "--position-noises-m": {"type": numbers, "metavar": "0,0.4", "help": "deviations of estimated x and y"},
+    "--heading-noises-deg": {"type": numbers, "metavar": "0,0.4", "help": "of the estimated heading"},
+    "--pose": {"choices": ("product", "together"), "help": "each position noise with each of heading, or pairs"},
+}
+# fmt: on
+"""Flags that several commands have."""
+
+NOISES = ("--position-noises-m", "--heading-noises-deg", "--pose")
+"""Flags of the axes of pose noise."""
+
+
+def add_flags(parser: argparse._ActionsContainer, *flags: str, **changed: Any) -> argparse.Action:
+    """Declare flags that several commands have; `changed` are arguments in which they differ. Return the last one."""
+    return [parser.add_argument(flag, **{**_FLAGS[flag], **changed}) for flag in flags][-1]
+
+
+def add_options(parser: argparse._ActionsContainer, of: str) -> None:
+    """Declare `--option name=value`, for options without a flag."""
+    add_flags(parser, "--option", help=f"{of}; may be given several times")
+
+
 def add_population(parser: argparse.ArgumentParser) -> None:
     """Declare the numbers of actors; the default is the scenario's."""
-    add = parser.add_argument
     for name in POPULATION:
         unit = "roadside units (default: the scenario's)" if name == "rsus" else "default: the scenario's"
-        add(f"--{name.replace('_', '-')}", type=count_or_zero, help=unit)
+        parser.add_argument(f"--{name.replace('_', '-')}", type=count_or_zero, help=unit)
 
 
 def population(options: argparse.Namespace) -> dict[str, Any]:
@@ -98,110 +133,9 @@ def population(options: argparse.Namespace) -> dict[str, Any]:
     return {name: value for name in POPULATION if (value := getattr(options, name)) is not None}
 
 
-def names(text: str) -> tuple[str, ...]:
-    """Parse distinct names with commas between them."""
-    named = tuple(name.strip() for name in text.split(","))
-    if not all(named) or len(set(named)) < len(named):
-        raise argparse.ArgumentTypeError(f"must be distinct names with commas between them, got {text!r}")
-    return named
-
-
-def policy(text: str) -> str:
-    """Parse a policy. Return its one spelling."""
-    from coopsim.catalog import PolicySpec
-
-    try:
-        return PolicySpec.parse(text).text
-    except CoopsimError as error:  # argparse hides the text of other exceptions
-        raise argparse.ArgumentTypeError(str(error)) from error
-
-
-def policies(text: str) -> tuple[str, ...]:
-    """Parse distinct policies with commas between them; commas in brackets belong to parameters."""
-    from coopsim.config.spec import split_specs
-
-    found = tuple(policy(part) for part in split_specs(text))
-    if len(set(found)) < len(found):
-        raise argparse.ArgumentTypeError(f"must be distinct policies, got {text!r}")
-    return found
-
-
-def add_options(parser: argparse._ActionsContainer, of: str) -> None:
-    """Declare `--option name=value`, for options without a flag."""
-    metavar, several = "NAME=VALUE", "may be given several times"
-    parser.add_argument(
-        "--option", type=named_value, action="append", default=[], metavar=metavar, help=f"{of}; {several}"
-    )
-
-
-def add_noises(parser: argparse._ActionsContainer, of: str = "") -> None:
-    """Declare the axes of pose noise; `of` ends their help."""
-    add, metavar = parser.add_argument, "0,0.4"
-    add("--position-noises-m", type=numbers, metavar=metavar, help=f"standard deviations of estimated x and y{of}")
-    add("--heading-noises-deg", type=numbers, metavar=metavar, help=f"of the estimated heading{of}")
-    add("--pose", choices=("product", "together"), help="each position noise with each of heading (default), or pairs")
-
-
-def add_detector(parser: argparse._ActionsContainer) -> None:
-    """Declare `--detector`, which `--option detector=...` gives as well."""
-    text = "name(parameter=value), see `list` (default: the environment's)"
-    parser.add_argument("--detector", metavar="NAME", help=text)
-
-
 def detector_option(options: argparse.Namespace) -> dict[str, Any]:
     """Return the detector that was given by its flag, as an option of the environment."""
     return {} if options.detector is None else {"detector": options.detector}
-
-
-def add_device(parser: argparse._ActionsContainer, default: str | None = "cpu") -> None:
-    """Declare `--device`; None stands for the processor, or for the value of a file."""
-    text = f"of networks: cpu, cuda, cuda:1 or auto, a GPU if there is one (default: {default or 'cpu'})"
-    parser.add_argument("--device", default=default, metavar="NAME", help=text)
-
-
-def add_dry_run(parser: argparse._ActionsContainer) -> None:
-    """Declare `--dry-run`."""
-    text = "run nothing but a few frames for timing; print what there is to run, and the hours that it takes"
-    parser.add_argument("--dry-run", action="store_true", help=text)
-
-
-def add_isolate(parser: argparse._ActionsContainer) -> None:
-    """Declare `--isolate`."""
-    parser.add_argument(
-        "--isolate",
-        type=seconds,
-        nargs="?",
-        const=60.0,
-        metavar="SECONDS",
-        help="run each agent in a process of its own, which gets its observations alone; time limit of a frame: 60 s",
-    )
-
-
-def add_isolation(parser: argparse._ActionsContainer) -> None:
-    """Declare `--isolate` and `--salt-fd`."""
-    add_isolate(parser)
-    add_salt(parser)
-
-
-def add_salt(parser: argparse._ActionsContainer) -> None:
-    """Declare `--salt-fd`. The name of a file would stand among the arguments, which every process may read."""
-    parser.add_argument(
-        "--salt-fd",
-        type=count_or_zero,
-        metavar="N",
-        help="open file with a secret that, with the seeds, decides the episodes (16 bytes or more), as in `3< FILE`",
-    )
-
-
-def seconds(text: str) -> float:
-    """Parse a positive number of seconds."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"must be a number of seconds > 0, got {text!r}")
-    return value
 
 
 def named_options(options: argparse.Namespace, flags: Mapping[str, str] | None = None) -> dict[str, Any]:
@@ -220,103 +154,6 @@ def named_options(options: argparse.Namespace, flags: Mapping[str, str] | None =
     return given
 
 
-def attacks(text: str) -> str:
-    """Parse attacks of agents, as `cav_1=ghost(ahead_m=15) + rsu_0=remove`, or `none`. Return their one spelling."""
-    from coopsim.interfaces.attack_option import spell_attacks
-
-    try:
-        return "" if text == "none" else spell_attacks(text)
-    except CoopsimError as error:  # argparse hides the text of other exceptions
-        raise argparse.ArgumentTypeError(str(error)) from error
-
-
-def add_attack(parser: argparse._ActionsContainer, of: str) -> None:
-    """Declare `--attack AGENT=ATTACK`."""
-    parser.add_argument("--attack", type=attacks, action="append", default=[], metavar="cav_1=ghost", help=of)
-
-
-def numbers(text: str) -> tuple[float, ...]:
-    """Parse numbers with commas between them."""
-    try:
-        return tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be numbers with commas between them, got {text!r}") from None
-
-
-def seeds(text: str) -> tuple[int, ...]:
-    """Parse integers >= 0 with commas between them; `0-4` is five of them."""
-    ranges: list[range] = []
-    for part in text.split(","):
-        first, dash, last = part.partition("-")
-        ends = first, last if dash else first
-        if not all(end.strip().isdecimal() for end in ends) or int(ends[1]) < int(ends[0]):
-            raise argparse.ArgumentTypeError(f"must be integers >= 0 with commas between them, or 0-4, got {text!r}")
-        ranges.append(range(int(ends[0]), int(ends[1]) + 1))
-    try:
-        return as_runs(seeds=itertools.chain.from_iterable(ranges))
-    except InvalidValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
-
-
-def named_value(text: str) -> tuple[str, Any]:
-    """Parse `name=value`, the value as YAML."""
-    name, equals, value = text.partition("=")
-    try:
-        if not (name and equals):
-            raise ValueError
-        return name.strip(), yaml.safe_load(value)
-    except (ValueError, yaml.YAMLError):
-        raise argparse.ArgumentTypeError(f"must be name=value, the value as YAML has it, got {text!r}") from None
-
-
-WAYS = ("product", "one_by_one")
-"""Words of `--vary`: the ways in which axes are combined."""
-
-
-def varied_option(text: str) -> str | tuple[str, tuple[Any, ...]]:
-    """Parse `name=value,value`, values as YAML, or one of `WAYS`; commas in brackets belong to a value."""
-    from coopsim.config.spec import split_specs
-
-    name, equals, values = text.partition("=")
-    if text in WAYS:
-        return text
-    if not (equals and name.strip()):
-        raise argparse.ArgumentTypeError(f"must be {', '.join(WAYS)} or an option as name=value,value, got {text!r}")
-    return name.strip(), tuple(named_value(f"{name}={value}")[1] for value in split_specs(values))
-
-
-def varied(given: Iterable[str | tuple[str, tuple[Any, ...]]]) -> dict[str, Any]:
-    """Return what `--vary` gave, as attributes of a grid: None where it gave none.
-
-    Raises:
-        InvalidValueError: an axis, or the way to combine them, is given twice.
-    """
-    words, named = (
-        [each for each in given if isinstance(each, str)],
-        [each for each in given if isinstance(each, tuple)],
-    )
-    axes = dict(named)
-    if len(words) > 1 or len(axes) < len(named):
-        raise InvalidValueError(f"--vary must be given once for each option and once for {' or '.join(WAYS)}")
-    return {"vary": words[0] if words else None, "axes": axes or None}
-
-
-def count_or_zero(text: str) -> int:
-    """Parse an integer >= 0."""
-    return _integer(text, least=0)
-
-
-def count(text: str) -> int:
-    """Parse an integer >= 1."""
-    return _integer(text, least=1)
-
-
-def _integer(text: str, least: int) -> int:
-    if not (text.isdecimal() and int(text) >= least):
-        raise argparse.ArgumentTypeError(f"must be an integer >= {least}, got {text!r}")
-    return int(text)
-
-
 def without_flags(typed: str, flags: Mapping[str, int]) -> str:
     """Return a command, as in a shell, without some of its flags; `flags` is the number of words after each."""
     kept, skipped = [], 0
@@ -329,12 +166,6 @@ def without_flags(typed: str, flags: Mapping[str, int]) -> str:
         else:
             kept.append(word)
     return shlex.join(kept)
-
-
-def add_all_grids(parser: argparse._ActionsContainer) -> None:
-    """Declare `--all-grids`."""
-    text = "results of all grids that were run into the folder, not of the latest alone"
-    parser.add_argument("--all-grids", action="store_true", help=text)
 
 
 def stored_results(folder: Path, hint: str = "", *, all_grids: bool = False) -> list[CellResult]:

@@ -9,49 +9,33 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coopsim.bench.grid.cell import CellResult
+from coopsim.cli.argument_types import count, count_or_zero, names, numbers, policies, policy, varied, varied_option
 from coopsim.cli.arguments import (
     FAILED,
     INTERRUPTED,
+    NOISES,
     Command,
-    add_all_grids,
-    add_attack,
-    add_detector,
-    add_device,
-    add_dry_run,
-    add_isolation,
-    add_noises,
+    add_flags,
     add_old_name,
     add_options,
     as_json,
-    count,
-    count_or_zero,
     detector_option,
     named_options,
-    names,
-    numbers,
-    policies,
-    policy,
-    seeds,
     stored_results,
-    varied,
-    varied_option,
     without_flags,
 )
+from coopsim.cli.jobs_bar import JobsBar
 from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.support.checks import require_choice
 from coopsim.support.files import require_writable, write_whole
 
 if TYPE_CHECKING:
-    from tqdm import tqdm
-
-    from coopsim.bench.benchmark import Progress
-    from coopsim.bench.grid.cell import Condition
     from coopsim.bench.grid.grid import Grid
 
 
 def _add_report(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("out", type=Path, metavar="FOLDER", help="of `coopsim bench`")
-    add_all_grids(parser)
+    add_flags(parser, "--all-grids")
     trust = "run code again that the results name as module:Class or file.py:Class, for clips"
     parser.add_argument("--trust", action="store_true", help=trust)
     _add_outputs(parser)
@@ -60,16 +44,11 @@ def _add_report(parser: argparse.ArgumentParser) -> None:
 def _add_outputs(parser: argparse._ActionsContainer) -> None:
     """Declare what `bench` and `report` write."""
     add = parser.add_argument
-    add(
-        "--metrics",
-        type=names,
-        default=(),
-        metavar="A,B",
-        help="of leaderboards, LaTeX tables and figure; the first ranks",
-    )
+    of = "of leaderboards, LaTeX tables and figure; the first ranks"
+    add("--metrics", type=names, default=(), metavar="A,B", help=of)
     add("--clips", type=count_or_zero, default=5, help="of the worst moments (default: %(default)s)")
     add("--plots", action="store_true", help="write the curves of all metrics as SVG files, too")
-    add("--json", type=Path, metavar="PATH", help="write means and intervals of each policy and condition here as well")
+    add_flags(parser, "--json", help="write means and intervals of each policy and condition here as well")
 
 
 def _run_report(options: argparse.Namespace) -> int:
@@ -129,35 +108,32 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     add("--trust", action="store_true", help="run code that FILE names as module:Class or file.py:Class")
     add("--policies", type=policies, metavar="A,B(x=1)", help="see `list`; all; or module:Class, or file.py:Class")
     add("--policy", type=policy, action="append", default=[], metavar="A", help="one more; may be given several times")
-    worlds = add(
-        "--environments", type=names, dest="scenarios", metavar="A,B.yaml", help="names, or paths of scenario files"
-    )
+    of = "names, or paths of scenario files"
+    worlds = add("--environments", type=names, dest="scenarios", metavar="A,B.yaml", help=of)
     add_old_name(grid, "--scenarios", worlds)
     add("--latencies-ms", type=numbers, metavar="0,300", help="delays of every message (default: 0)")
     add("--losses", type=numbers, metavar="0,0.1", help="probabilities that a message is lost (default: 0)")
-    add_noises(grid)
+    add_flags(grid, *NOISES)
     add("--bandwidths-mbit-s", type=numbers, metavar="0.1,inf", help="rates of the shared medium (default: inf)")
     add("--penetrations", type=numbers, metavar="0.1,1", help="shares of the other cars that are connected")
-    add_attack(grid, "agents that lie, as one condition; several times: several, of which `none` is honest")
-    varied = (
-        "an axis: any option of environments, or policy.x; several times: several. product or one_by_one: all or each"
+    add_flags(
+        grid, "--attack", help="agents that lie, as one condition; several times: several, of which `none` is honest"
     )
-    add("--vary", type=varied_option, action="append", default=[], metavar="NAME=A,B", help=varied)
-    add("--seeds", type=seeds, metavar="0-4", help="an episode each (default: 0)")
+    of = "an axis: any option of environments, or policy.x; several times: several. product or one_by_one: all or each"
+    add("--vary", type=varied_option, action="append", default=[], metavar="NAME=A,B", help=of)
+    add_flags(grid, "--seeds", help="an episode each (default: 0)")
     add("--frames", type=_frames, metavar="N", help="of each run (default: 100); episode: until its episode ends")
-    add_detector(grid)
-    add_device(grid, default=None)
+    add_flags(grid, "--detector")
+    add_flags(grid, "--device", default=None)
     add_options(grid, "of the environments, such as lidar=VLP-16")
     how = parser.add_argument_group("run")
-    how.add_argument("--out", type=Path, default=Path("coopsim-bench"), metavar="FOLDER", help="default: %(default)s")
-    how.add_argument("--workers", type=count, help="cells at once (default: as many as cores)")
-    how.add_argument(
-        "--engine", default="local", help="local (processes of this machine) or ray (default: %(default)s)"
-    )
-    how.add_argument("--address", help="of a Ray cluster (default: RAY_ADDRESS, or this machine alone)")
-    add_isolation(how)
-    add_dry_run(how)
-    how.add_argument("--retry-failed", action="store_true", help="run failed cells again")
+    add = how.add_argument
+    add("--out", type=Path, default=Path("coopsim-bench"), metavar="FOLDER", help="default: %(default)s")
+    add_flags(how, "--workers", help="cells at once (default: as many as cores)")
+    add("--engine", default="local", help="local (processes of this machine) or ray (default: %(default)s)")
+    add("--address", help="of a Ray cluster (default: RAY_ADDRESS, or this machine alone)")
+    add_flags(how, "--isolate", "--salt-fd", "--dry-run")
+    add("--retry-failed", action="store_true", help="run failed cells again")
     _add_outputs(parser.add_argument_group("report"))
 
 
@@ -169,38 +145,30 @@ def _frames(text: str) -> int | str:
 
 
 def _run_bench(options: argparse.Namespace) -> int:
-    from tqdm import tqdm
+    from coopsim.bench.grid.grid_file import find_grid
 
+    given = {"more_policies": options.policy, "trust": options.trust, **flag_values(options)}
+    source = find_grid(options.preset, options.grid, **given)
+    try:
+        return _bench(options, source.grid())
+    except CoopsimError as error:
+        raise source.blame(error) from error
+
+
+def _bench(options: argparse.Namespace, grid: Grid) -> int:
     from coopsim.bench.benchmark import benchmark
     from coopsim.bench.dry_run import estimate_benchmark
     from coopsim.bench.engine.engine import Engine
-    from coopsim.bench.grid.grid_file import find_grid
     from coopsim.bench.isolated.isolation import Isolation
 
     engine = Engine(options.engine, options.workers, options.address)
-    given = {"more_policies": options.policy, "trust": options.trust, **flag_values(options)}
-    source = find_grid(options.preset, options.grid, **given)
-    grid = source.grid()
     isolation = Isolation.of(options.isolate, options.salt_fd)
     if options.json is not None:
         require_writable(options.json)
     if options.dry_run:
-        try:
-            print(estimate_benchmark(grid, options.out, isolation).text("cells", engine.at_once))
-        except CoopsimError as error:
-            raise source.blame(error) from error
+        print(estimate_benchmark(grid, options.out, isolation).text("cells", engine.at_once))
         return 0
-    conditions, finished, lost = list(grid.conditions()), 0, 0
-    # The remaining time is ours: the bar's own assumes that all cells take equally long.
-    shape = "{desc}: {percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} cells [{elapsed}{postfix}]"
-    with tqdm(total=len(grid), disable=None, desc="bench", bar_format=shape) as bar:
-
-        def show(progress: Progress) -> None:
-            nonlocal finished, lost
-            lost += progress.outcome is not None and progress.outcome.lost
-            finished = progress.stored + progress.done  # a hidden bar does not count
-            _show(bar, progress, engine.at_once, conditions)
-
+    with JobsBar("bench", "cells", list(grid.conditions()), engine.at_once) as bar:
         try:
             _require_metrics(grid, options.metrics, import_policies=options.isolate is None)
             results = benchmark(
@@ -210,23 +178,19 @@ def _run_bench(options: argparse.Namespace) -> int:
                 retry_failed=options.retry_failed,
                 command=without_flags(options.typed, _NO_NUMBER),
                 isolation=isolation,
-                on_progress=show,
-                on_broken=lambda error: bar.write(f"coopsim: {error}; its cell is run again", file=sys.stderr),
+                on_progress=bar.show,
+                on_broken=lambda error: bar.write(f"{error}; its cell is run again"),
             )
-        except CoopsimError as error:
-            raise source.blame(error) from error
         except KeyboardInterrupt:
-            bar.close()
-            stored = f"{finished} of {len(grid)} cells are stored in {options.out}"
-            print(f"coopsim: interrupted; {stored}, and the same command goes on from there", file=sys.stderr)
+            stored = f"{bar.finished} of {len(grid)} cells are stored in {options.out}"
+            bar.write(f"interrupted; {stored}, and the same command goes on from there")
             return INTERRUPTED
     write_files(options.out, results, options, trust=True)  # the grid's policies, which have run already
-    failed = sum(result.failed for result in results) - lost
-    if lost:
-        print(f"coopsim: {lost} of {len(grid)} cells were not run; the same command runs them", file=sys.stderr)
+    failed = sum(result.failed for result in results) - bar.lost
+    bar.tell_of_lost()
     if failed:
         print(f"coopsim: {failed} of {len(grid)} cells failed; --retry-failed runs them again", file=sys.stderr)
-    return FAILED if failed or lost else 0
+    return FAILED if failed or bar.lost else 0
 
 
 def _require_metrics(grid: Grid, metrics: Sequence[str], *, import_policies: bool) -> None:
@@ -252,21 +216,6 @@ def flag_values(options: argparse.Namespace) -> dict[str, Any]:
     return {name: None if value == _EPISODE else value for name, value in given.items() if value is not None}
 
 
-def _show(bar: tqdm[Any], progress: Progress, workers: int, conditions: Sequence[Condition]) -> None:
-    if progress.outcome is None:
-        bar.initial = bar.n = progress.stored
-        bar.refresh()
-        return
-    if progress.outcome.result.failed:
-        from coopsim.bench.grid.labels import name_of_cell
-
-        where = name_of_cell(progress.outcome.result.cell, conditions)
-        bar.write(f"coopsim: failed: {where}: {progress.outcome.reason}", file=sys.stderr)
-    left = "?" if progress.left_s is None else bar.format_interval(progress.left_s / workers)
-    bar.set_postfix_str(f"about {left} left", refresh=False)
-    bar.update()
-
-
 BENCH = Command(
     "run policies in simulated traffic under latency, loss, noise and narrow channels, with statistics",
     _add_bench,
@@ -288,7 +237,7 @@ def _add_compare(parser: argparse.ArgumentParser) -> None:
     add("b", metavar="B", help="the same; differences are B - A")
     add("--results", type=Path, metavar="FOLDER", help="where the results of both policies are")
     add("--metrics", type=names, metavar="A,B", help="default: sAMOTA,HOTA; each further one makes all harder to show")
-    add("--json", type=Path, metavar="PATH", help="write everything here as well")
+    add_flags(parser, "--json", help="write everything here as well")
     add("--csv", type=Path, metavar="PATH", help="write the rows here as well")
 
 

@@ -6,17 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from coopsim.cli.arguments import (
-    Command,
-    add_all_grids,
-    add_device,
-    add_options,
-    count,
-    named_options,
-    policy,
-    seeds,
-    stored_results,
-)
+from coopsim.cli.argument_types import count, policy
+from coopsim.cli.arguments import Command, add_flags, add_options, named_options, stored_results
 from coopsim.errors import InvalidValueError
 
 if TYPE_CHECKING:
@@ -33,14 +24,14 @@ def _add_clip(parser: argparse.ArgumentParser) -> None:
     add("--pair", type=count, default=1, metavar="N", help="number of the pair in the report of FOLDER (default: 1)")
     add("--seconds", type=count, default=30, help="length of the film (default: %(default)s)")
     add("--title", default="", help="default: situation and seed")
-    add_all_grids(parser)
+    add_flags(parser, "--all-grids")
     add("--trust", action="store_true", help="run code that FOLDER names as module:Class or file.py:Class")
     run = parser.add_argument_group("a situation", "runs it until one of the two crashes and the other does not")
     run.add_argument("--alone", type=policy, default="no_fusion", metavar="A", help="default: %(default)s")
     run.add_argument("--sharing", type=policy, default="late_fusion(delayed=replay)", metavar="B", help="%(default)s")
-    run.add_argument("--seeds", type=seeds, default=_FIRST_SEEDS, metavar="1000-1039", help="to try, in order")
+    add_flags(run, "--seeds", default=_FIRST_SEEDS, metavar="1000-1039", help="to try, in order")
     run.add_argument("--latency-ms", type=float, default=0.0, help="delay of every message (default: 0)")
-    add_device(run)
+    add_flags(run, "--device")
     add_options(run, "of the environment")
 
 

@@ -9,22 +9,17 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from coopsim.cli.argument_types import count, count_or_zero, numbers, policies
 from coopsim.cli.arguments import (
     INTERRUPTED,
     Command,
-    add_attack,
-    add_detector,
-    add_device,
+    add_flags,
     add_old_name,
     add_options,
     add_population,
     as_json,
-    count,
-    count_or_zero,
     detector_option,
     named_options,
-    numbers,
-    policies,
     population,
 )
 from coopsim.errors import InvalidValueError
@@ -61,13 +56,12 @@ def _add_demo(parser: argparse.ArgumentParser) -> None:
     add("--position-noise-m", type=float, help=f"default: 0.2{_UNLESS}")
     add("--heading-noise-deg", type=float, help=f"default: 0.2{_UNLESS}")
     add("--loss", type=float, help=f"probability in [0, 1] (default: 0{_UNLESS})")
-    add_attack(parser, "an agent that lies; may be given several times")
-    add_detector(parser)
-    add_device(parser)
+    add_flags(parser, "--attack", help="an agent that lies; may be given several times")
+    add_flags(parser, "--detector", "--device")
     add_options(parser, "of the environment, such as lidar=VLP-16, channel=FILE or, of town, place_seed=7")
     out = add("--out", type=Path, default=Path("coopsim-demo.html"), metavar="PATH", help="default: %(default)s")
     add_old_name(parser, "--report", out)
-    add("--json", type=Path, metavar="PATH", help="write the numbers here as well")
+    add_flags(parser, "--json")
 
 
 def _run_demo(options: argparse.Namespace) -> int:
@@ -105,6 +99,7 @@ def _run_demo(options: argparse.Namespace) -> int:
 
 def _config(options: argparse.Namespace) -> DemoConfig:
     from coopsim.bench.demo import DemoConfig
+    from coopsim.bench.grid.cell import scenario_options
     from coopsim.bench.grid.policies import detector_on, policy_on, require_device
     from coopsim.catalog import usual_seed
     from coopsim.world.recording.episode_file import Episode
@@ -115,7 +110,7 @@ def _config(options: argparse.Namespace) -> DemoConfig:
     seed = usual if options.seed is None else options.seed
     world = {} if played is None else {**played.header.population, "playback": options.playback}
     given = named_options(options, _FLAGS)
-    explicit = {*given, *_options_of_file(options.environment)}
+    explicit = {*given, *scenario_options(options.environment)}
     if options.attack:
         given["attacks"] = " + ".join(filter(None, options.attack))
     given = {**world, **population(options), **_degradation(options, explicit), **given, **detector_option(options)}
@@ -124,13 +119,6 @@ def _config(options: argparse.Namespace) -> DemoConfig:
     require_device(options.device)
     on_device = tuple(policy_on(options.device, text) for text in options.policies)
     return DemoConfig(options.environment, on_device, _latencies_s(options, explicit), frames, seed, given)
-
-
-def _options_of_file(environment: str) -> Collection[str]:
-    """Return the names of the options that a scenario file sets."""
-    from coopsim.catalog import is_scenario_file, scenario_file_options
-
-    return scenario_file_options(environment) if is_scenario_file(environment) else ()
 
 
 def _degradation(options: argparse.Namespace, explicit: Collection[str]) -> dict[str, Any]:

@@ -5,29 +5,23 @@ from __future__ import annotations
 import argparse
 import itertools
 import sys
-from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from coopsim.cli.argument_types import count, names, noises, numbers, policies
 from coopsim.cli.arguments import (
     FAILED,
     INTERRUPTED,
+    NOISES,
     Command,
-    add_attack,
-    add_device,
-    add_dry_run,
-    add_noises,
+    add_flags,
     add_old_name,
     add_options,
     as_json,
-    count,
     named_options,
-    names,
-    numbers,
-    policies,
-    seeds,
 )
+from coopsim.cli.jobs_bar import JobsBar
 from coopsim.errors import InvalidValueError
 from coopsim.support.files import require_writable, write_whole
 
@@ -53,71 +47,48 @@ _FLAGS = {
 def _add_detect(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--policies", type=policies, default=("no_fusion", "late_fusion"), metavar="A,B(x=1)", help="as in `bench`")
-    add(
-        "--environments",
-        type=names,
-        default=("crossing",),
-        metavar="A,B.yaml",
-        help="names, scenario files, recordings",
-    )
-    add("--seeds", type=seeds, default=(0, 1), metavar="0-1", help="one episode each (default: 0-1)")
+    of = "names, scenario files, recordings"
+    add("--environments", type=names, default=("crossing",), metavar="A,B.yaml", help=of)
+    add_flags(parser, "--seeds", default=(0, 1), help="one episode each (default: 0-1)")
     add("--frames", type=count, default=20, help="measured in each episode (default: %(default)s)")
     add("--every-s", type=float, default=0.5, help="least time between measured frames (default: %(default)s)")
-    rows = ", a row each (default: the environment's)"
-    add_noises(parser, rows)
-    of_delay = f"delays of messages{rows}"
-    latencies = add("--latencies-ms", type=numbers, default=(), dest="delays_ms", metavar="0,200", help=of_delay)
+    add_flags(parser, *NOISES)
+    of = "delays of messages, a row each (default: the environment's, as of noises)"
+    latencies = add("--latencies-ms", type=numbers, default=(), dest="delays_ms", metavar="0,200", help=of)
     add_old_name(parser, "--delays-ms", latencies)
     instead = "--position-noises-m and --heading-noises-deg with --pose together"
     add_old_name(parser, "--noise", latencies, dest="noises", type=noises, metavar=instead)
     parser.set_defaults(noises=())
-    add_attack(parser, "agents that lie, a row; several times: several rows, of which `none` is honest")
+    add_flags(parser, "--attack", help="agents that lie, a row; several times: several rows, of which `none` is honest")
     add("--protocol", default="coopsim", help="coopsim, opencood, dair, nuscenes or v2x-real (default: %(default)s)")
     add("--within-m", type=float, help="objects and boxes up to this far from the receiver (default: the region)")
-    add(
-        "--detector",
-        metavar="NAME",
-        help="of policies without a network (default: pillars; without torch the environment's)",
-    )
-    add_device(parser)
+    add_flags(parser, "--detector", help="of policies without a network (default: pillars, or the environment's)")
+    add_flags(parser, "--device")
     add("--receivers", default="cars", help="cars or all (default: %(default)s)")
     add("--boxes", default="detections", help="detections or tracks (default: %(default)s)")
     add_options(parser, "of the environments, as lidar=VLP-16 or detail=full")
-    workers = add("--workers", type=count, help="episodes at once (default: as many as cores)")
-    add_old_name(parser, "--jobs", workers)
-    add_dry_run(parser)
-    add("--json", type=Path, metavar="OUT", help="write the rows here; episodes go to OUT.episodes, and are run once")
+    add_old_name(parser, "--jobs", add_flags(parser, "--workers", help="episodes at once (default: as many as cores)"))
+    add_flags(parser, "--dry-run")
+    add_flags(
+        parser, "--json", metavar="OUT", help="write the rows here; episodes go to OUT.episodes, and are run once"
+    )
     add("--episodes", type=Path, metavar="FOLDER", help="of the episodes that several tables share, such as protocols'")
     add("--table", action="store_true", help="print the rows as a Markdown table, also with --json")
     add("--by-range", action="store_true", help="print average precision by range and class below it")
     add("--pictures", type=Path, metavar="FOLDER", help="draw each measured sweep of recordings here, from above")
 
 
-def noises(text: str) -> tuple[tuple[float, float], ...]:
-    """Parse pairs of metres and degrees, "0/0,0.4/0.4"."""
-    try:
-        pairs = [tuple(float(number) for number in part.split("/")) for part in text.split(",")]
-        if any(len(pair) != 2 for pair in pairs):
-            raise ValueError
-    except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"must be pairs m/degrees with commas between, as 0/0,0.4/0.4, got {text!r}"
-        ) from None
-    return tuple((pair[0], pair[1]) for pair in pairs)
-
-
 def _run_detect(options: argparse.Namespace) -> int:
-    from tqdm import tqdm
-
     from coopsim.bench.detect.detect import markdown_table, measure_detection
     from coopsim.bench.detect.range_table import range_table, require_ranges
     from coopsim.bench.detect.sweep_pictures import draw_measured, require_recordings
     from coopsim.bench.dry_run import estimate_detection
     from coopsim.bench.engine.engine import Engine
 
-    plan, out = _plan(options), options.json
+    plan, out, folder = _plan(options), options.json, _folder(options)
+    engine = Engine(workers=options.workers)
     if options.dry_run:
-        print(estimate_detection(plan, _folder(options)).text("episodes", options.workers))
+        print(estimate_detection(plan, folder).text("episodes", engine.at_once))
         return 0
     if out is not None:
         require_writable(out)
@@ -125,37 +96,39 @@ def _run_detect(options: argparse.Namespace) -> int:
         require_ranges(plan.protocol)
     if options.pictures is not None:
         require_recordings(plan)
-        options.episodes = _folder(options) or options.pictures / "episodes"
+        folder = folder or options.pictures / "episodes"
     rows: list[dict[str, Any]] = []
-    failed, interrupted = 0, False
-    with tqdm(total=1, unit="episode", disable=None, desc="detect") as bar:
+    interrupted = False
+    with JobsBar("detect", "episodes", [condition for _, condition in plan.rows()], engine.at_once) as bar:
 
         def show(progress: DetectProgress) -> None:
-            nonlocal rows, failed
-            bar.total, bar.n, grown = progress.episodes, progress.done, len(progress.rows) > len(rows)
-            rows = progress.rows
-            bar.refresh()
-            if progress.outcome is not None and progress.outcome.perceived is None:
-                failed += 1
-                cell = progress.outcome.job.cell
-                about = f"{cell.policy}, {cell.condition.scenario}, seed {cell.seed}"
-                bar.write(f"coopsim: failed: {about}: {progress.outcome.reason}", file=sys.stderr)
+            nonlocal rows
+            grown, rows = len(progress.rows) > len(rows), progress.rows
+            bar.show(progress)
             if out is not None and (grown or progress.outcome is None):
                 write_whole(out, as_json(rows))
 
         try:
-            measure_detection(plan, folder=_folder(options), engine=Engine(workers=options.workers), on_progress=show)
+            measure_detection(plan, folder=folder, engine=engine, on_progress=show)
         except KeyboardInterrupt:
             interrupted = True
     if options.table or out is None:
         print(markdown_table(rows))
     for row in rows if options.by_range else ():
         print(f"\n{range_table(row)}")
-    for path in draw_measured(plan, options.episodes, options.pictures) if options.pictures else ():
+    for path in draw_measured(plan, folder, options.pictures) if folder and options.pictures else ():
         print(f"written: {path}")
     if out is not None:
         print(f"written: {out}", file=sys.stderr)
-    return _conclude(failed, interrupted, rows, out)
+    if interrupted:
+        kept = f"{len(rows)} finished rows" + ("" if out is None else f" are in {out}")
+        again = "" if out is None else "; the same command goes on from there"
+        print(f"coopsim: interrupted; {kept}{again}", file=sys.stderr)
+        return INTERRUPTED
+    bar.tell_of_lost()
+    if bar.failed:
+        print(f"coopsim: {bar.failed} episodes failed, and their rows are missing", file=sys.stderr)
+    return FAILED if bar.failed or bar.lost else 0
 
 
 def _plan(options: argparse.Namespace) -> DetectPlan:
@@ -186,18 +159,6 @@ def _noises(options: argparse.Namespace) -> tuple[tuple[float, float], ...]:
 def _folder(options: argparse.Namespace) -> Path | None:
     own: Path | None = options.json and options.json.with_name(f"{options.json.name}.episodes")
     return options.episodes or own
-
-
-def _conclude(failed: int, interrupted: bool, rows: Sequence[Mapping[str, Any]], out: Path | None) -> int:
-    if interrupted:
-        kept = f"{len(rows)} finished rows" + ("" if out is None else f" are in {out}")
-        again = "" if out is None else "; the same command goes on from there"
-        print(f"coopsim: interrupted; {kept}{again}", file=sys.stderr)
-        return INTERRUPTED
-    if failed:
-        print(f"coopsim: {failed} episodes failed, and their rows are missing", file=sys.stderr)
-        return FAILED
-    return 0
 
 
 DETECT = Command(

@@ -24,7 +24,7 @@ from coopsim.cli.paste_command import PASTE
 from coopsim.cli.recordings_commands import LEADERBOARD, REPLAY
 from coopsim.cli.train_command import TRAIN
 from coopsim.cli.world_commands import RECORD, TOWN
-from coopsim.errors import CoopsimError
+from coopsim.errors import CoopsimError, PlugInError
 from coopsim.support.interrupts import repeated_interrupts
 from coopsim.support.printable import printable
 from coopsim.support.registry import Registry
@@ -61,10 +61,10 @@ for _name, _command in _COMMANDS.items():
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command. Return its exit status: 0, `FAILED`, `USER_ERROR` or `INTERRUPTED`."""
     typed = sys.argv[1:] if arguments is None else arguments
-    options = make_parser(typed).parse_args(typed)
-    options.typed = shlex.join(["coopsim", *typed])
     usual_format, warnings.formatwarning = warnings.formatwarning, _warning_in_one_line
     try:
+        options = make_parser(typed).parse_args(typed)
+        options.typed = shlex.join(["coopsim", *typed])
         with repeated_interrupts():
             return int(options.command(options))
     except CoopsimError as error:
@@ -94,12 +94,14 @@ def make_parser(typed: Sequence[str] = ()) -> Parser:
     parser.set_defaults(parser=parser)
     parser.add_argument("--version", action="version", version=f"coopsim {coopsim.__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND", parser_class=Parser)
-    installed = [name for name in COMMANDS if COMMANDS.is_installed(name) and name not in _COMMANDS]
-    for name in installed:
-        if name not in typed:
+    word = next((word for word in typed if not word.startswith("-")), None)
+    for name in (*_COMMANDS, *(name for name in COMMANDS if name not in _COMMANDS)):
+        if name != word and name not in _COMMANDS:
             commands.add_parser(name, help=COMMANDS.source_of(name))
-    for name in (*_COMMANDS, *(name for name in installed if name in typed)):
+            continue
         command = _COMMANDS[name] if name in _COMMANDS else COMMANDS.get(name)
+        if not isinstance(command, Command):
+            raise PlugInError(f"{COMMANDS.source_of(name)} must be a coopsim.cli.arguments.Command, got {command!r}")
         subparser = commands.add_parser(
             name,
             help=command.help,

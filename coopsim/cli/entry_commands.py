@@ -3,52 +3,41 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from coopsim.cli.arguments import FAILED, Command, Parser, add_salt, count, seconds
+from coopsim.cli.argument_types import seconds
+from coopsim.cli.arguments import FAILED, Command, Parser, add_flags
+from coopsim.cli.jobs_bar import JobsBar
 from coopsim.errors import InvalidValueError
-
-if TYPE_CHECKING:
-    from coopsim.bench.benchmark import Progress
 
 
 def _add_entry(parser: argparse.ArgumentParser) -> None:
     does = parser.add_subparsers(required=True, metavar="COMMAND", dest="does", parser_class=Parser)
     new = does.add_parser("new", help="make a folder with a policy and a card to fill in")
     warm_up = does.add_parser("warm-up", help="run the warm-up, and write warm_up.json")
-    score = does.add_parser(
-        "score",
-        help="run the public towns, and write scores.json; or with a salt, for the organisers, those that rank; after "
-        "Ctrl-C the same command goes on",
-    )
+    of = "run the public towns, and write scores.json, or those that rank, with a salt; after Ctrl-C it goes on"
+    score = does.add_parser("score", help=of)
     check = does.add_parser("check", help="check folders: card, code, conformance, and some runs again, isolated")
     page = does.add_parser("page", help="write the leaderboard of folders as HTML; those with a fault do not enter")
     for one in (new, warm_up, score):
         one.add_argument("folder", type=Path, metavar="FOLDER", help="of the entry")
     for several in (check, page):
         several.add_argument("folders", type=Path, nargs="+", metavar="FOLDER", help="of an entry")
+    of = "time limit of a frame; each agent runs in a process of its own, always (default: %(default)g)"
     for runs in (warm_up, score, check, page):
-        runs.add_argument(
-            "--isolate",
-            type=seconds,
-            default=60.0,
-            metavar="SECONDS",
-            help="time limit of a frame; each agent runs in a process of its own, always (default: %(default)g)",
-        )
+        runs.add_argument("--isolate", type=seconds, default=60.0, metavar="SECONDS", help=of)
     for secret in (score, page):
-        add_salt(secret)
+        add_flags(secret, "--salt-fd")
     score.add_argument("--out", type=Path, metavar="FOLDER", help="of the organisers' runs, which get one more")
     page.add_argument("--runs", type=Path, metavar="FOLDER", help="the organisers' runs; without, nothing is ranked")
     for long in (score, check, page):
-        long.add_argument("--workers", type=count, help="runs at once (default: as many as cores; few runs: one, here)")
+        add_flags(long, "--workers", help="runs at once (default: as many as cores; few runs: one, here)")
     check.add_argument("--whole", action="store_true", help="run all scores again: minutes instead of seconds")
     page.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="gets index.html")
-    page.add_argument(
-        "--baseline", default="late_fusion", metavar="NAME", help="compare with it (default: %(default)s)"
-    )
+    of = "compare with it (default: %(default)s)"
+    page.add_argument("--baseline", default="late_fusion", metavar="NAME", help=of)
     page.add_argument("--rerun", action="store_true", help="check as `check` does; else nothing of an entry is run")
 
 
@@ -71,8 +60,8 @@ def _warm_up(options: argparse.Namespace) -> int:
     from coopsim.bench.isolated.isolation import Isolation
 
     entry = EntryFolder.read(options.folder)
-    with _bar(entry.name, len(WARM_UP.cells(""))) as show:
-        scores, _ = WARM_UP.measure(entry, Engine(workers=1), Isolation(options.isolate), on_progress=show)
+    with JobsBar(entry.name, "runs") as bar:
+        scores, _ = WARM_UP.measure(entry, Engine(workers=1), Isolation(options.isolate), on_progress=bar.show)
     return _told(entry.name, scores, WARM_UP.write(entry.folder, scores))
 
 
@@ -86,28 +75,12 @@ def _score(options: argparse.Namespace) -> int:
     if (options.out is None) != (options.salt_fd is None):
         raise InvalidValueError("out and salt-fd must be given both, for a ranking run, or neither, for scores.json")
     entry, engine = EntryFolder.read(options.folder), Engine(workers=options.workers)
-    isolation = Isolation.of(options.isolate, options.salt_fd)
-    with _bar(entry.name, len(SCORED.cells(""))) as show:
+    isolation, key = Isolation.of(options.isolate, options.salt_fd), f"{entry.digest[:24]}-{SCORED.digest}"
+    with JobsBar(entry.name, "runs", workers=engine.at_once) as bar:
         if options.out is not None:
-            return _told(entry.name, *run_ranking(entry, options.out, engine, isolation, show))
-        scores, _ = SCORED.measure(
-            entry, engine, isolation, work=f"{entry.digest[:24]}-{SCORED.digest}", on_progress=show
-        )
+            return _told(entry.name, *run_ranking(entry, options.out, engine, isolation, bar.show))
+        scores, _ = SCORED.measure(entry, engine, isolation, work=key, on_progress=bar.show)
     return _told(entry.name, scores, SCORED.write(entry.folder, scores))
-
-
-@contextmanager
-def _bar(name: str, total: int) -> Iterator[Callable[[Progress], None]]:
-    """Show a bar, and give the function that moves it."""
-    from tqdm import tqdm
-
-    with tqdm(total=total, unit="run", disable=None, desc=name) as bar:
-
-        def show(progress: Progress) -> None:
-            bar.n = progress.stored + progress.done
-            bar.refresh()
-
-        yield show
 
 
 def _told(name: str, scores: Mapping[str, Any], written: Path) -> int:

@@ -7,17 +7,16 @@ import sys
 from itertools import islice
 from pathlib import Path
 
+from coopsim.cli.argument_types import count, policy
 from coopsim.cli.arguments import (
     FAILED,
     INTERRUPTED,
     Command,
+    add_flags,
     add_options,
     add_population,
-    count,
     named_options,
-    policy,
     population,
-    seeds,
 )
 
 _EXPORT_FLAGS = {"max_cycles": "--frames", "seed": "--seeds", "sense_every": "dt_s"}
@@ -28,14 +27,9 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("format", metavar="FORMAT", help="see `list`; as opv2v, or opv2v(lidar=roof)")
     add("environment", metavar="ENVIRONMENT", help="as crossing or town, or path of a scenario file; see `list`")
-    add(
-        "--out",
-        type=Path,
-        required=True,
-        metavar="DIR",
-        help="new or empty; the same command again goes on with an export that was interrupted",
-    )
-    add("--seeds", type=seeds, default=(0,), metavar="0-4", help="an episode each (default: 0)")
+    of = "new or empty; the same command again goes on with an export that was interrupted"
+    add("--out", type=Path, required=True, metavar="DIR", help=of)
+    add_flags(parser, "--seeds", default=(0,), help="an episode each (default: 0)")
     add("--frames", type=count, default=100, help="of each episode (default: %(default)s)")
     add_population(parser)
     add_options(parser, "of the environment, as cameras=surround, lidar=OS1-128 or dt_s=0.5")

@@ -8,20 +8,8 @@ import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from coopsim.cli.arguments import (
-    FAILED,
-    INTERRUPTED,
-    Command,
-    add_device,
-    add_isolation,
-    add_options,
-    as_json,
-    count,
-    named_options,
-    names,
-    policies,
-    policy,
-)
+from coopsim.cli.argument_types import count, names, policies, policy
+from coopsim.cli.arguments import FAILED, INTERRUPTED, Command, add_flags, add_options, as_json, named_options
 from coopsim.support.files import require_writable, write_whole
 
 if TYPE_CHECKING:
@@ -33,14 +21,10 @@ def _add_recordings(parser: argparse.ArgumentParser) -> None:
     """Declare a folder of recordings, what is detected in them, and the latency of messages."""
     add = parser.add_argument
     add("path", type=Path, help="folder of recordings: of a data set, of plain arrays, or with labels/*.txt")
-    add(
-        "--detections",
-        type=names,
-        metavar="A,B",
-        help="of text files: each name is one agent; boxes are in the frame of the first",
-    )
-    add("--detector", metavar="NAME", help="of recordings with sweeps (default: pillars)")
-    add_device(parser)
+    of = "of text files: each name is one agent; boxes are in the frame of the first"
+    add("--detections", type=names, metavar="A,B", help=of)
+    add_flags(parser, "--detector", help="of recordings with sweeps (default: pillars)")
+    add_flags(parser, "--device")
     add("--sequences", type=names, metavar="A,B", help="names of sequences (default: all)")
     add("--frames", type=count, help="of each sequence with sweeps (default: all)")
     add("--latency-ms", type=float, default=0.0, help="of every message (default: %(default)s)")
@@ -83,7 +67,7 @@ def _add_replay(parser: argparse.ArgumentParser) -> None:
     _add_recordings(parser)
     add = parser.add_argument
     add("--policy", type=policy, default="ab3dmot", metavar="A(x=1)", help="as in `bench` (default: %(default)s)")
-    add("--json", type=Path, metavar="PATH", help="write the numbers here as well")
+    add_flags(parser, "--json")
 
 
 def _run_replay(options: argparse.Namespace) -> int:
@@ -123,13 +107,8 @@ REPLAY = Command(
 def _add_leaderboard(parser: argparse.ArgumentParser) -> None:
     _add_recordings(parser)
     add = parser.add_argument
-    add(
-        "--policies",
-        type=policies,
-        metavar="A,B(x=1)",
-        help="as in `bench` (default: all without LiDAR)",
-    )
-    add_isolation(parser)
+    add("--policies", type=policies, metavar="A,B(x=1)", help="as in `bench` (default: all without LiDAR)")
+    add_flags(parser, "--isolate", "--salt-fd")
     add("--out", type=Path, default=Path("coopsim-leaderboard"), metavar="FOLDER", help="default: %(default)s")
 
 

@@ -7,15 +7,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from coopsim.cli.arguments import (
-    INTERRUPTED,
-    Command,
-    add_device,
-    add_options,
-    count,
-    count_or_zero,
-    named_options,
-)
+from coopsim.cli.argument_types import count, count_or_zero
+from coopsim.cli.arguments import INTERRUPTED, Command, add_flags, add_options, named_options
 from coopsim.support.files import require_writable, write_whole
 
 if TYPE_CHECKING:
@@ -28,12 +21,8 @@ if TYPE_CHECKING:
 def _add_train(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("recipe", metavar="RECIPE", help="name of a shipped recipe (pillars, attfuse, ...), or path of a YAML file")
-    add(
-        "environments",
-        nargs="*",
-        metavar="ENVIRONMENT",
-        help="folders of recordings with sweeps, town or scenario files, instead of the recipe's",
-    )
+    of = "folders of recordings with sweeps, town or scenario files, instead of the recipe's"
+    add("environments", nargs="*", metavar="ENVIRONMENT", help=of)
     add("--start", metavar="WEIGHTS", help="begin with these, by name or path, as pillars (default: the recipe's)")
     add("--out", type=Path, required=True, metavar="DIR", help="for checkpoint, weights, card, log and curves")
     add("--seed", type=count_or_zero, default=0, help="of first weights and samples (default: %(default)s)")
@@ -41,8 +30,9 @@ def _add_train(parser: argparse.ArgumentParser) -> None:
     add("--workers", type=count_or_zero, default=1, help="processes that make batches ahead (default: %(default)s)")
     add("--cache", type=Path, metavar="DIR", help="of clips: those in it are read, others are made and stored")
     add("--trust", action="store_true", help="run code that the file RECIPE names as file.py:Class or module:Class")
-    add_device(parser, default="auto")
-    add("--json", type=Path, metavar="PATH", help="write the card of the weights here as well")
+    of = "of networks: cpu, cuda, cuda:1 or auto, a GPU if there is one (default: auto)"
+    add_flags(parser, "--device", default="auto", help=of)
+    add_flags(parser, "--json", help="write the card of the weights here as well")
     add_options(parser, "of the recipe, as lr=0.001 or world.environments=[FOLDER]")
 
 

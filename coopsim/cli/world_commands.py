@@ -7,16 +7,8 @@ from pathlib import Path
 
 import coopsim
 from coopsim.catalog import is_scenario_file, scenario_file_options, scenario_of_file
-from coopsim.cli.arguments import (
-    Command,
-    Parser,
-    add_options,
-    add_population,
-    count,
-    count_or_zero,
-    named_options,
-    population,
-)
+from coopsim.cli.argument_types import count, count_or_zero
+from coopsim.cli.arguments import Command, Parser, add_options, add_population, named_options, population
 from coopsim.errors import InvalidValueError
 
 
@@ -25,13 +17,8 @@ def _add_record(parser: argparse.ArgumentParser) -> None:
     add("scenario", help="as crossing or highway, or path of a scenario file")
     add("--seed", type=count_or_zero, help="default: 0, or the scenario file's own")
     add("--frames", type=count, default=600, help="steps (default: %(default)s)")
-    add(
-        "--out",
-        type=Path,
-        required=True,
-        metavar="FILE",
-        help="an older file is replaced; Ctrl-C keeps the frames so far",
-    )
+    of = "an older file is replaced; Ctrl-C keeps the frames so far"
+    add("--out", type=Path, required=True, metavar="FILE", help=of)
     add_population(parser)
     add_options(parser, "of the scenario, as density=2 or bicycles=3")
 

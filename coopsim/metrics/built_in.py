@@ -11,6 +11,7 @@ from operator import attrgetter
 
 import numpy as np
 
+from coopsim.errors import CoopsimError
 from coopsim.metrics.average_precision import AP_THRESHOLDS
 from coopsim.metrics.clear import Clear, RecallSweep
 from coopsim.metrics.deception import DECEPTION
@@ -208,10 +209,9 @@ def custom_metrics() -> dict[str, Metric]:
             continue
         try:
             entry = METRICS.get(name)
-        except Exception as error:  # a package may raise anything, and the other metrics go on
+        except CoopsimError as error:
             _left_out.add(name)
-            reason = f"{type(error).__name__}: {error}"
-            warnings.warn(f"metric {name!r} is left out: {METRICS.source_of(name)} raised {reason}", stacklevel=2)
+            warnings.warn(f"metric {name!r} is left out: {error}", stacklevel=2)
             continue
         found[name] = entry() if isinstance(entry, type) else entry
     return found

@@ -10,7 +10,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Generic, TypeVar
 from weakref import WeakSet
 
-from coopsim.errors import DuplicateNameError, UnknownNameError
+from coopsim.errors import CoopsimError, DuplicateNameError, PlugInError, UnknownNameError
 from coopsim.support.printable import require_printable
 
 T = TypeVar("T")
@@ -55,7 +55,12 @@ class Registry(Generic[T]):
         return enter
 
     def get(self, name: str) -> T:
-        """Return the entry called `name`; raise `UnknownNameError` if there is none."""
+        """Return the entry called `name`.
+
+        Raises:
+            UnknownNameError: there is none.
+            PlugInError: it is of an installed package, and cannot be loaded.
+        """
         self._load_home()
         if isinstance(name, str):  # callers may ignore the annotation
             name = self._aliases.get(name, name)
@@ -63,9 +68,18 @@ class Registry(Generic[T]):
                 return self._entries[name]
             for point in self._points:
                 if point.name == name:
-                    self._entries[name] = point.load()
+                    self._entries[name] = self._loaded(point)
                     return self._entries[name]
         raise UnknownNameError(self.kind, name, (*self.names(), *self._aliases))
+
+    def _loaded(self, point: EntryPoint) -> T:
+        try:
+            return point.load()  # type: ignore[no-any-return]
+        except CoopsimError:  # as where it says what to install
+            raise
+        except Exception as error:  # a module may raise anything when it is imported
+            why = f"{type(error).__name__}: {error}".splitlines()[0]
+            raise PlugInError(f"{self.source_of(point.name)} raised {why}") from error
 
     def source_of(self, name: str) -> str:
         """Describe where an entry comes from: the package and module of an entry point, else this program."""

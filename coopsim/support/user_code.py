@@ -6,7 +6,6 @@ A file is executed as a module of its own, from a text that is read once. It may
 from __future__ import annotations
 
 import ast
-import difflib
 import importlib
 import importlib.util
 import pkgutil
@@ -18,7 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
-from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
+from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError, close_names
 
 _Base = TypeVar("_Base")
 
@@ -93,7 +92,7 @@ def _import(name: str, kind: str) -> ModuleType:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
         missing = str(error.name)
-        close = difflib.get_close_matches(missing, _sibling_modules(missing), n=3, cutoff=0.6)
+        close = close_names(missing, _sibling_modules(missing))
         hint = f" Did you mean {' or '.join(map(repr, close))}?" if close else ""
         message = f"{kind} module {name!r}: there is no module {missing!r}.{hint}"
         raise InvalidValueError(f"{message} Accepted: modules that are installed or on PYTHONPATH") from error

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from coopsim.bench.evaluate import listening_env
 from coopsim.catalog import PolicySpec
 from coopsim.comms.channel.channel_config import ChannelConfig
 from coopsim.comms.channel.latency import GaussianLatency
@@ -19,6 +18,7 @@ from coopsim.episode import Episode as RunningEpisode
 from coopsim.episode import Recorder, run_episode
 from coopsim.errors import CoopsimError
 from coopsim.geometry.se3 import wrap_angle
+from coopsim.provided import listening_env
 from coopsim.testing.harness import SMALL, Episode, digest, name_of, require_same, untouched
 from coopsim.types import Tracks
 from coopsim.wire.actions import unpack_action

@@ -51,6 +51,26 @@ class Transition(NamedTuple):
     lost: Failure | None = None
 
 
+def truncated(last: Any, report: str, *, single: bool, same_step: bool) -> Transition:
+    """Return the transition of a lost environment: a truncation, with its last observation and the report in its info.
+
+    Args:
+        last: the observation; None: it has none.
+        report: why it is lost.
+        single: it has one agent.
+        same_step: the end of an episode is told as `Transition.final`.
+    """
+    reward: Any = 0.0
+    never: Any = False
+    ended: Any = True
+    info: dict[str, Any] = {"error": report}
+    if not single:
+        last = last or {}
+        reward, never, ended = (dict.fromkeys(last, each) for each in (reward, never, ended))
+        info = {agent: dict(info) for agent in last}
+    return Transition(last, reward, never, ended, info, True, (last, dict(info)) if same_step else None)
+
+
 class Value(NamedTuple):
     """The outcome of another call."""
 

@@ -15,9 +15,10 @@ from typing import Any, Literal, overload
 import cloudpickle
 from gymnasium.vector import AutoresetMode
 
-from coopsim.envs.vector.stepper import Stepper, require_vector_seed
+from coopsim.envs.vector.episodes import require_vector_seed
+from coopsim.envs.vector.pools import CallingProcess, WorkerPool
+from coopsim.envs.vector.stepper import Stepper
 from coopsim.envs.vector.vectors import MultiAgentVector, SingleAgentVector
-from coopsim.envs.vector.workers import CallingProcess, WorkerPool
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.support.checks import require_choice, require_count
 from coopsim.support.processes import cores

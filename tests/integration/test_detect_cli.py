@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from coopsim.bench.detect.detect import EVERYWHERE
-from coopsim.bench.detect.detect_plan import DetectJob, DetectOutcome
+from coopsim.bench.detect.detect_plan import EVERYWHERE, DetectJob
+from coopsim.bench.engine.job import Outcome
 from coopsim.cli import main
 
 NOISES = ["--pose", "together", "--position-noises-m", "0,0.4", "--heading-noises-deg", "0,0.4"]
@@ -30,7 +30,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> list[DetectJob]:
     """Episodes run in this process, which saves starting others; those that were run."""
     done: list[DetectJob] = []
 
-    def in_this_process(jobs: Iterator[DetectJob], workers: int) -> Iterator[DetectOutcome]:
+    def in_this_process(jobs: Iterator[DetectJob], workers: int) -> Iterator[Outcome]:
         for job in jobs:
             done.append(job)
             yield job.run()
@@ -83,12 +83,14 @@ def test_a_run_goes_on_and_another_protocol_runs_nothing(here: list[DetectJob], 
     more = ["--policies", "no_fusion,late_fusion", "--seeds", "0", "--protocol", "dair", *shared]
     assert len(_detect(tmp_path / "dair.json", *more)) == len(here) == 2
     assert opencood[0]["APBEV@0.5"] != first[0]["APBEV@0.5"]
+    next((tmp_path / "out.json.episodes" / "cells").glob("*.npz")).unlink()  # what was perceived is gone
+    assert len(_detect(out, "--policies", "no_fusion,late_fusion", "--seeds", "0")) == 2 and len(here) == 3
 
 
 def test_an_interrupt_keeps_the_finished_rows(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupted(jobs: Iterator[DetectJob], workers: int) -> Iterator[DetectOutcome]:
+    def interrupted(jobs: Iterator[DetectJob], workers: int) -> Iterator[Outcome]:
         yield next(jobs).run()
         raise KeyboardInterrupt
 

@@ -98,14 +98,21 @@ class Babbling(coopsim.Policy):
 """
 
 
+class Boxes(coopsim.Recorder):
+    """The boxes of all tracks, frame by frame."""
+
+    def __init__(self) -> None:
+        self.frames: list[np.ndarray] = []
+
+    def on_step(self, episode: coopsim.Episode) -> None:
+        tracks = episode.env.bev_frame(points=False).tracks.values()
+        self.frames.append(np.concatenate([each.boxes.array for each in tracks]))
+
+
 def tracks_of(policy: coopsim.Policy, **options: Any) -> tuple[list[np.ndarray], Any]:
     """Return the boxes of all tracks by frame, and the evaluation."""
-    frames: list[np.ndarray] = []
-
-    def note(env: Any) -> None:
-        frames.append(np.concatenate([each.boxes.array for each in env.bev_frame(points=False).tracks.values()]))
-
-    return frames, coopsim.evaluate(policy, "crossing", seed=2, on_frame=note, **(OPTIONS | options))
+    kept = Boxes()
+    return kept.frames, coopsim.evaluate(policy, "crossing", seed=2, recorders=[kept], **(OPTIONS | options))
 
 
 def require_the_same(spec: PolicySpec, **options: Any) -> None:

@@ -63,6 +63,7 @@ mine = plugged_in:MyProtocol
 [coopsim.commands]
 greet = plugged_in:command
 broken = no_such_module:command
+odd = plugged_in:say_hello
 """
 
 PROGRAM = """
@@ -101,6 +102,14 @@ status, text = told("greed")
 assert status == 2 and "greet" in text and "bench" in text, text
 status, text = told("--help")
 assert status == 0 and "greet" in text and "broken" in text, text  # a broken one costs itself alone
+status, text = told("broken", "--to", "Ada")
+assert status == 2 and text == (
+    "coopsim: error: package 'plugged-in', entry point 'no_such_module:command' raised ModuleNotFoundError: "
+    "No module named 'no_such_module'\\n"
+), text
+status, text = told("odd")
+assert status == 2 and "package 'plugged-in'" in text and "must be a coopsim.cli.arguments.Command" in text, text
+assert told("list", "broken")[0] == 2 and "unknown kind 'broken'" in told("list", "broken")[1]
 
 for name in ("square", "staged"):
     env = coopsim.parallel_env(name, lidar=None, max_cycles=1)

@@ -8,22 +8,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from tabulate import tabulate
 
-from coopsim.bench.detect.detect_plan import DetectJob, DetectOutcome, DetectPlan, Disturbance
-from coopsim.bench.detect.perceived import Perceived, PerceivedFiles
+from coopsim.bench.detect.detect_plan import EVERYWHERE, DetectJob, DetectPlan
+from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.detect.protocols import PROTOCOLS, VEHICLES, Protocol, among
 from coopsim.bench.detect.ranking import Overlaps, Ranking, area_interval
 from coopsim.bench.engine.engine import Engine
-from coopsim.bench.grid.cell import environment_options
+from coopsim.bench.grid.axis import LATENCY, axis_of
+from coopsim.bench.grid.cell import CellResult, Condition, environment_options
 from coopsim.bench.results.result_table import named
-from coopsim.errors import StoreError
+from coopsim.bench.run_jobs import Progress, run_jobs
+from coopsim.bench.store.fingerprint import Sources
+from coopsim.bench.store.store import Store
 from coopsim.metrics.score import UNKNOWN
 
 _MAIN = "APBEV@0.5"
@@ -33,10 +35,6 @@ WITH_INTERVALS = (
     "APBEV@0.5 others_only",
 )  # fmt: skip
 """Metrics for which rows have intervals."""
-
-EVERYWHERE = "all"
-"""The environment of a row that pools all environments."""
-
 
 _BESIDE = {"coopsim": "opencood"}
 """Protocol whose table stands below another's: most published tables rank boxes as OpenCOOD does."""
@@ -68,20 +66,20 @@ class Measured:
 
 
 def row_of(
-    plan: DetectPlan, place: tuple[str, str, Disturbance], options: Mapping[str, Any], measured: Sequence[Measured]
+    plan: DetectPlan, place: tuple[str, Condition], options: Mapping[str, Any], measured: Sequence[Measured]
 ) -> dict[str, Any]:
-    """Return the row of a policy, an environment (or `EVERYWHERE`) and a disturbance, pooled over its episodes."""
-    policy, environment, disturbance = place
+    """Return the row of a policy and a condition, in an environment or `EVERYWHERE`, pooled over its episodes."""
+    policy, condition = place
     protocol = PROTOCOLS.get(plan.protocol)()
     episodes, rankings = [each.perceived for each in measured], [each.rankings for each in measured]
     messages, sent_bytes = sum(each.messages for each in episodes), sum(each.sent_bytes for each in episodes)
     return {
         "policy": policy,
-        "environment": environment,
+        "environment": condition.scenario,
         "protocol": plan.protocol,
-        "noise": disturbance.noise,
-        "delay_ms": disturbance.delay_ms,
-        "attacks": "none" if disturbance.attacks == "" else disturbance.attacks,
+        "noise": _noise(condition),
+        "delay_ms": None if condition.latency_s is None else axis_of(LATENCY).value(condition),
+        "attacks": "none" if condition.attacks == "" else condition.attacks,
         "options": dict(options),
         "seeds": list(plan.seeds),
         "receivers": plan.receivers,
@@ -101,6 +99,12 @@ def row_of(
         "objects_of": counts_of(rankings),
         "intervals": intervals_of(protocol, rankings),
     }
+
+
+def _noise(condition: Condition) -> str | None:
+    """Return the noise as "0.4/0.4", m and degrees; None where it is the environment's own."""
+    position_m = condition.position_noise_m
+    return None if position_m is None else f"{position_m:g}/{condition.heading_noise_deg:g}"
 
 
 def _only_together(episodes: Sequence[Perceived]) -> float | None:
@@ -216,24 +220,11 @@ def _with_interval(row: Mapping[str, Any], name: str) -> str:
     return _cell(name, row.get(name)) + ("" if low_high is None else f" ({low_high[0]:.2f}-{low_high[1]:.2f})")
 
 
-_Place = tuple[str, str, Disturbance]
-
-
 @dataclass(frozen=True, slots=True)
-class DetectProgress:
-    """Progress of a measurement.
+class DetectProgress(Progress):
+    """Progress of a measurement: of its episodes, and the rows whose episodes are all there, in order."""
 
-    Attributes:
-        episodes: number of all episodes.
-        done: number of finished ones, stored ones included.
-        outcome: outcome of the latest episode that was run.
-        rows: rows whose episodes are all there, in order.
-    """
-
-    episodes: int
-    done: int
-    outcome: DetectOutcome | None
-    rows: list[dict[str, Any]]
+    rows: list[dict[str, Any]] = field(default_factory=list)
 
 
 def measure_detection(
@@ -261,29 +252,15 @@ def measure_detection(
     """
     if check:
         plan.check()
-    engine = engine or Engine()
-    files = None if folder is None else PerceivedFiles(Path(folder))
     table = _Table(plan)
-    jobs = list(table.places)
-    for job in jobs:
-        stored = None if files is None else _stored(files, job)
-        if stored is not None:
-            table.take(job, stored)
-    waiting = {job.key: job for job in jobs if job not in table.episodes}
-    done = len(jobs) - len(waiting)
-    on_progress(DetectProgress(len(jobs), done, None, table.rows))
-    if not waiting:
-        return table.rows
-    with closing(engine.run(iter(waiting.values()))) as outcomes:
-        for outcome in outcomes:
-            job = waiting[outcome.job.key]  # ours; the outcome has a copy
-            assert isinstance(outcome, DetectOutcome)
-            if outcome.perceived is not None:
-                if files is not None:
-                    files.put(job.key, outcome.perceived)
-                table.take(job, outcome.perceived)
-            done += 1
-            on_progress(DetectProgress(len(jobs), done, outcome, table.rows))
+
+    def show(progress: Progress) -> None:
+        table.take(progress.results)
+        known = {each.name: getattr(progress, each.name) for each in fields(progress)}
+        on_progress(DetectProgress(**known, rows=table.rows))
+
+    store = None if folder is None else Store(folder)
+    run_jobs(list(table.jobs.values()), engine, store, on_progress=show)
     return table.rows
 
 
@@ -291,45 +268,38 @@ class _Table:
     """Rows that fill up as episodes come.
 
     Attributes:
-        places: the places in the table of each job: its row, and the one that pools all environments.
-        episodes: finished episodes, by job.
+        jobs: all jobs, by key.
     """
 
     def __init__(self, plan: DetectPlan) -> None:
         self._plan = plan
-        self.places: dict[DetectJob, list[_Place]] = {}
-        self.episodes: dict[DetectJob, Measured] = {}
-        self._jobs: dict[_Place, list[DetectJob]] = {}
-        self._rows: dict[_Place, dict[str, Any]] = {}
-        for policy, environment, disturbance in plan.rows():
-            whole = policy, EVERYWHERE, disturbance
-            places = [(policy, environment, disturbance), *([whole] if len(plan.environments) > 1 else [])]
-            for job in plan.jobs_of(*places[0]):
-                self.places[job] = places
-                for place in places:
-                    self._jobs.setdefault(place, []).append(job)
-            if whole in self._jobs:
-                self._jobs[whole] = self._jobs.pop(whole)  # it follows the rows that it pools
+        self.jobs: dict[str, DetectJob] = {}
+        self._keys: dict[tuple[str, Condition], list[str]] = {}
+        self._measured: dict[str, Measured] = {}
+        self._rows: dict[tuple[str, Condition], dict[str, Any]] = {}
+        sources = Sources()
+        for policy, condition in plan.rows():
+            jobs = {job.key: job for job in plan.jobs_of(policy, condition, sources)}
+            self.jobs |= jobs
+            self._keys[policy, condition] = list(jobs)
+            if len(plan.environments) > 1:
+                whole = policy, Condition(EVERYWHERE, condition.settings)
+                self._keys[whole] = [*self._keys.pop(whole, []), *jobs]  # it follows the rows that it pools
 
     @property
     def rows(self) -> list[dict[str, Any]]:
         """The complete rows; after those of all environments, the one that pools them."""
-        return [self._rows[place] for place in self._jobs if place in self._rows]
+        return [self._rows[place] for place in self._keys if place in self._rows]
 
-    def take(self, job: DetectJob, perceived: Perceived) -> None:
-        """Take an episode in, and make the rows that it completes."""
-        self.episodes[job] = Measured.of(perceived, self._plan.protocol, self._plan.within_m)
-        for place in self.places[job]:
-            jobs = self._jobs[place]
-            if all(part in self.episodes for part in jobs):
-                options = environment_options(replace(jobs[0].cell, frames=None), jobs[0].options)
+    def take(self, results: Mapping[str, CellResult]) -> None:
+        """Take new episodes in, and make the rows that they complete."""
+        for key in results.keys() - self._measured.keys():
+            if not results[key].failed:
+                perceived = Perceived.from_arrays(results[key].arrays)
+                self._measured[key] = Measured.of(perceived, self._plan.protocol, self._plan.within_m)
+        for place, keys in self._keys.items():
+            if place not in self._rows and all(key in self._measured for key in keys):
+                first = self.jobs[keys[0]]
+                options = environment_options(replace(first.cell, frames=None), first.options)
                 options = {name: value for name, value in options.items() if name != "threads"}
-                self._rows[place] = row_of(self._plan, place, options, [self.episodes[part] for part in jobs])
-
-
-def _stored(files: PerceivedFiles, job: DetectJob) -> Perceived | None:
-    """Return an episode from its file; None if there is none, or it is broken and must be run again."""
-    try:
-        return files.get(job.key)
-    except StoreError:
-        return None
+                self._rows[place] = row_of(self._plan, place, options, [self._measured[key] for key in keys])

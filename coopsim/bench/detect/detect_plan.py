@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -12,10 +13,8 @@ from typing import Any, ClassVar
 
 import coopsim
 from coopsim.bench.detect.episode import Boxes, Pace, Receivers, Selection, pace_of, perceive_episode, receiving
-from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.detect.protocols import PROTOCOLS
-from coopsim.bench.engine.job import Job, Outcome, traceback_of
-from coopsim.bench.evaluate import listening_env
+from coopsim.bench.engine.job import Job
 from coopsim.bench.grid.cell import Cell, CellResult, Condition, environment_options, scenario_options
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.grid.policies import (
@@ -28,44 +27,18 @@ from coopsim.bench.grid.policies import (
 )
 from coopsim.bench.store.fingerprint import Sources
 from coopsim.catalog import PolicySpec
+from coopsim.episode import Recorder
 from coopsim.interfaces.attack_option import attacks_by_agent
-from coopsim.support.checks import (
-    as_runs,
-    require_count,
-    require_positive,
-)
+from coopsim.provided import listening_env
+from coopsim.support.checks import as_runs, require_count, require_positive
+
+EVERYWHERE = "all"
+"""The environment of a row that pools all environments."""
 
 
-@dataclass(frozen=True, slots=True, order=True)
-class Disturbance:
-    """Noise of all agents' poses, delay of all messages and lies in a row; None where the environment's own holds."""
-
-    position_noise_m: float | None = None
-    heading_noise_deg: float | None = None
-    delay_ms: float | None = None
-    attacks: str | None = None
-
-    def condition(self, environment: str) -> Condition:
-        """Return the condition of an environment that it makes."""
-        noise: dict[str, Any] = {
-            "position_noise_m": self.position_noise_m,
-            "heading_noise_deg": self.heading_noise_deg,
-        }
-        latency_s = None if self.delay_ms is None else self.delay_ms / 1000
-        rate: dict[str, Any] = {"bandwidth_bit_s": None, "loss": None}
-        return Condition(environment, latency_s=latency_s, attacks=self.attacks or "none", **noise, **rate)
-
-    @property
-    def noise(self) -> str | None:
-        """The noise as the command takes it, "0.4/0.4": m and degrees."""
-        return None if self.position_noise_m is None else f"{self.position_noise_m:g}/{self.heading_noise_deg:g}"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DetectOutcome(Outcome):
-    """The outcome of a job: its perceived episode, or the traceback of a failure."""
-
-    perceived: Perceived | None = None
+def own_condition(environment: str, **named: Any) -> Condition:
+    """Return a condition in which only what is `named` is set: the rest is the environment's own."""
+    return Condition(**{**dict.fromkeys(Condition().columns()), **named, "scenario": environment})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +52,7 @@ class DetectJob(Job):
 
     root: ClassVar[str] = "coopsim.bench.detect.episode"
     noun: ClassVar[str] = "episode"
-    outcome: ClassVar[type[Outcome]] = DetectOutcome
+    arrays: ClassVar[bool] = True
 
     pace: Pace = Pace(1)
     selection: Selection = Selection()
@@ -88,15 +61,11 @@ class DetectJob(Job):
     def inputs(self) -> dict[str, Any]:
         return {**self.options, "detect": {**asdict(self.pace), **self.selection.as_dict()}}
 
-    def perform(self) -> DetectOutcome:
-        """Run the episode. An exception becomes the outcome: a user's policy may raise anything."""
+    def measure(self, recorders: Sequence[Recorder] = ()) -> CellResult:
+        """Run the episode: what was perceived is in the result's arrays."""
         options, environment = environment_options(self.cell, self.options), self.cell.condition.scenario
-        try:
-            policy = self.policy.make()
-            made = perceive_episode(policy, environment, self.cell.seed, options, self.pace, self.selection)
-            return DetectOutcome(self, CellResult(self.cell), perceived=made)
-        except Exception as error:
-            return DetectOutcome(self, CellResult(self.cell, traceback=traceback_of(error)))
+        seen = (self.policy.make(), environment, self.cell.seed, options, self.pace, self.selection, recorders)
+        return CellResult(self.cell, arrays=perceive_episode(*seen).arrays())
 
 
 LEARNED_DETECTOR = "pillars"
@@ -173,12 +142,16 @@ class DetectPlan:
             require_positive(within_m=self.within_m)
 
     @property
-    def disturbances(self) -> list[Disturbance]:
-        """Every noise with every delay and all lies."""
+    def disturbances(self) -> list[Condition]:
+        """Every noise with every delay and all lies, in no environment yet."""
         noises: tuple[tuple[float | None, float | None], ...] = self.noises or ((None, None),)
-        delays: tuple[float | None, ...] = self.delays_ms or (None,)
-        lies: tuple[str | None, ...] = self.attacks or (None,)
-        return [Disturbance(*noise, delay_ms, lie) for lie in lies for noise in noises for delay_ms in delays]
+        delays_s: list[float | None] = [each / 1000 for each in self.delays_ms] or [None]
+        return [
+            own_condition(EVERYWHERE, attacks=lie, position_noise_m=m, heading_noise_deg=deg, latency_s=delay_s)
+            for lie in self.attacks or (None,)
+            for m, deg in noises
+            for delay_s in delays_s
+        ]
 
     @cached_property
     def selection(self) -> Selection:
@@ -219,32 +192,35 @@ class DetectPlan:
         met = [(text, self.environments[0], each) for each in lying for text in policies]
         met += [(policies[0], environment, last) for environment in self.environments]
         for text, environment, disturbance in met:
-            job = self._job(text, environment, disturbance, self.seeds[0])
+            job = self._job(text, Condition(environment, disturbance.settings), self.seeds[0])
             options = environment_options(job.cell, job.options)
             with closing(listening_env(environment, job.policy.make(), options)) as env:
                 receiving(env, self.selection)
 
-    def jobs_of(self, policy: str, environment: str, disturbance: Disturbance) -> list[DetectJob]:
-        """Return the episodes of a row, one for each seed."""
-        sources = Sources()
-        jobs = [self._job(policy, environment, disturbance, seed) for seed in self.seeds]
+    def jobs_of(self, policy: str, condition: Condition, sources: Sources | None = None) -> list[DetectJob]:
+        """Return the episodes of a row, one for each seed; `sources` keeps digests for other rows."""
+        sources = sources or Sources()
+        jobs = [self._job(policy, condition, seed) for seed in self.seeds]
         return [replace(job, decided_by=job.fingerprint(sources)) for job in jobs]
 
-    def rows(self) -> Iterator[tuple[str, str, Disturbance]]:
-        """Yield policy, environment and disturbance of each row: the disturbances one after another."""
-        for disturbance in self.disturbances:
-            for policy in self.policies:
-                for environment in self.environments:
-                    yield policy, environment, disturbance
+    def jobs(self) -> list[DetectJob]:
+        """Return the episodes of all rows."""
+        sources = Sources()
+        return [job for row in self.rows() for job in self.jobs_of(*row, sources)]
 
-    def _job(self, policy: str, environment: str, disturbance: Disturbance, seed: int) -> DetectJob:
+    def rows(self) -> Iterator[tuple[str, Condition]]:
+        """Yield policy and condition of each row: the disturbances one after another."""
+        for disturbance, policy, environment in itertools.product(self.disturbances, self.policies, self.environments):
+            yield policy, Condition(environment, disturbance.settings)
+
+    def _job(self, policy: str, condition: Condition, seed: int) -> DetectJob:
         """Return the job of an episode, without what decides it."""
         spec, given = self.specs[policy], dict(self.options)
         if self.box_detector is not None and not detects_itself(spec):
             given["detector"] = self.box_detector
-        fixed_s = {**scenario_options(environment), **given}.get("dt_s")
-        step_s, pace = pace_of(self.frames, self.every_s, (disturbance.delay_ms or 0.0) / 1000, fixed_s)
-        cell = Cell(policy, disturbance.condition(environment), seed, pace.cycles)
+        fixed_s = {**scenario_options(condition.scenario), **given}.get("dt_s")
+        step_s, pace = pace_of(self.frames, self.every_s, condition.latency_s or 0.0, fixed_s)
+        cell = Cell(policy, condition, seed, pace.cycles)
         return DetectJob(cell, {**given, "dt_s": step_s}, spec, "", pace=pace, selection=self.selection)
 
 

@@ -13,11 +13,11 @@ import numpy as np
 
 from coopsim.bench.detect.part_clock import PartClock
 from coopsim.bench.detect.perceived import Perceived
-from coopsim.bench.evaluate import listening_env
 from coopsim.catalog import is_recordings_folder
 from coopsim.episode import Episode, Recorder, run_episode
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D, covers
+from coopsim.provided import listening_env
 from coopsim.support.checks import require_choice
 from coopsim.types import NS_PER_S, Detections, GroundTruth, seconds_to_ns
 from coopsim.types.valid_detections import drop_invalid
@@ -113,6 +113,7 @@ def perceive_episode(
     options: Mapping[str, Any],
     pace: Pace,
     selection: Selection | None = None,
+    recorders: Sequence[Recorder] = (),
 ) -> Perceived:
     """Run a policy through one episode, and collect what its receivers perceived and what was there.
 
@@ -123,12 +124,12 @@ def perceive_episode(
         CoopsimError: a name is unknown or a value is not accepted; the message says what is accepted.
     """
     selection = selection or Selection()
-    clock = PartClock(policy, max(pace.warm_up, 1))
-    made = {**options, "max_cycles": pace.cycles, "expose_ground_truth": True}
+    clock = PartClock(max(pace.warm_up, 1))
+    made = {"max_cycles": pace.cycles, **options, "expose_ground_truth": True}
     with closing(listening_env(environment, policy, made)) as env:
         pace = pace_in(environment, env, pace)
         kept = PerceivedRecorder(pace, receiving(env, selection), selection.boxes)
-        episode = run_episode(env, policy, (clock, kept), seed=seed, most_steps=pace.cycles)
+        episode = run_episode(env, policy, (clock, kept, *recorders), seed=seed, most_steps=pace.cycles)
         if not kept.frames:
             raise InvalidValueError(f"{environment} has an episode of {episode.steps} frames, too short to be measured")
         messages, sent_bytes = _broadcasts(env)

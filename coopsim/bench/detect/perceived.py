@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.errors import StoreError
 from coopsim.geometry.boxes import in_region
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.score import UNKNOWN
-from coopsim.support.files import make_folder, write_durably
 from coopsim.types import Detections, GroundTruth, Ints, Mask
+
+_PLAIN = ("region_m", "frames", "messages", "sent_bytes", "ms")
+_ABOUT = "about"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,6 +91,19 @@ class Perceived:
             {} if ms is None else dict(ms),
         )
 
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Perceived:
+        """Return the episode of `arrays`."""
+        about = json.loads(arrays[_ABOUT].tobytes())
+        columns: dict[str, Any] = {each.name: arrays[each.name] for each in fields(cls) if each.name not in _PLAIN}
+        return cls(**columns, **about | {"region_m": tuple(about["region_m"])})
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the episode as arrays by name, as a store keeps it."""
+        columns: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self)}
+        about = json.dumps({name: columns.pop(name) for name in _PLAIN})
+        return {**columns, _ABOUT: np.frombuffer(about.encode(), np.uint8)}
+
     @property
     def receiver_frames(self) -> int:
         """R, the number of frames of receivers."""
@@ -136,43 +148,3 @@ def _sum_and_most(truth: GroundTruth) -> Ints:
     if truth.returns is None or not truth.returns.shape[1]:
         return np.full((len(truth), 2), UNKNOWN, np.int64)
     return np.stack([truth.returns.sum(axis=1), truth.returns.max(axis=1)], axis=1)
-
-
-_PLAIN = ("region_m", "frames", "messages", "sent_bytes", "ms")
-_ABOUT = "about"
-
-
-class PerceivedFiles:
-    """Perceived episodes by key, in a folder of compressed NumPy files without pickles.
-
-    Finished episodes are neither lost nor run again, and another protocol needs no new run.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        make_folder(folder)
-
-    def get(self, key: str) -> Perceived | None:
-        """Return an episode, or None if there is none of that key. Raises `StoreError` for a broken file."""
-        path = self._path(key)
-        try:
-            with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as arrays:
-                about = json.loads(bytes(arrays[_ABOUT]).decode())
-                columns = {each.name: arrays[each.name] for each in fields(Perceived) if each.name not in _PLAIN}
-            return Perceived(**columns, **about | {"region_m": tuple(about["region_m"])})
-        except FileNotFoundError:
-            return None
-        except Exception as error:  # a changed byte makes zipfile, zlib and numpy raise almost anything
-            raise StoreError(f"{path} is broken: {type(error).__name__}: {error}") from error
-
-    def put(self, key: str, perceived: Perceived) -> None:
-        """Store an episode durably."""
-        columns: dict[str, Any] = {each.name: getattr(perceived, each.name) for each in fields(Perceived)}
-        about = json.dumps({name: columns.pop(name) for name in _PLAIN}).encode()
-        content = io.BytesIO()
-        columns[_ABOUT] = np.frombuffer(about, np.uint8)
-        np.savez_compressed(content, **columns)
-        write_durably(self._path(key), content.getvalue())
-
-    def _path(self, key: str) -> Path:
-        return self.folder / f"{key}.npz"

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from coopsim.bench.detect.detect_plan import DetectJob, DetectPlan
 from coopsim.bench.detect.episode import pace_in, receiving
-from coopsim.bench.detect.perceived import Perceived, PerceivedFiles
+from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.detect.ranking import SURE
 from coopsim.bench.grid.cell import environment_options
+from coopsim.bench.store.store import Store
 from coopsim.catalog import is_recordings_folder, parallel_env
 from coopsim.errors import InvalidValueError
 from coopsim.support.files import make_folder
@@ -44,12 +45,11 @@ def draw_measured(plan: DetectPlan, episodes: Path, out: Path) -> Iterator[Path]
         out: folder of the pictures, made if need be.
     """
     make_folder(out)
-    files = PerceivedFiles(episodes)
-    for policy, environment, disturbance in plan.rows():
-        for job in plan.jobs_of(policy, environment, disturbance):
-            perceived = files.get(job.key)
-            if perceived is not None:
-                yield from _draw_episode(job, perceived, out, plan.within_m or REACH_M)
+    store = Store(episodes)
+    for job in plan.jobs():
+        result = store.get(job.key)
+        if result is not None and not result.failed:
+            yield from _draw_episode(job, Perceived.from_arrays(result.arrays), out, plan.within_m or REACH_M)
 
 
 def _draw_episode(job: DetectJob, perceived: Perceived, out: Path, reach_m: float) -> Iterator[Path]:

@@ -74,12 +74,12 @@ class Job:
         isolation: separation of the policy from the world.
         root: module from which all of a run is imported.
         noun: word for a run in messages.
-        outcome: class of its outcomes.
+        arrays: whether its result has arrays.
     """
 
     root: ClassVar[str] = RUN
     noun: ClassVar[str] = "cell"
-    outcome: ClassVar[type[Outcome]] = Outcome
+    arrays: ClassVar[bool] = False
 
     cell: Cell
     options: Mapping[str, Any]
@@ -132,7 +132,7 @@ class Job:
     def run(self) -> Outcome:
         """Run the cell. It is lost if anything is not as it was when the job, and its key, were made."""
         before, sources = set(sys.modules), Sources()
-        outcome = self.perform()
+        outcome = run_job(self)
         try:
             now = self.fingerprint(sources)
         except Exception:  # its policy cannot be imported here, which is its outcome
@@ -143,9 +143,9 @@ class Job:
             return self.lost(f"it loaded {', '.join(unknown)}, which its key does not count")
         return outcome
 
-    def perform(self) -> Outcome:
-        """Run the cell, see `run_job`."""
-        return run_job(self)
+    def measure(self, recorders: Sequence[Recorder] = ()) -> CellResult:
+        """Measure the cell, and tell recorders of it. A user's policy may raise anything."""
+        return _evaluate(self, recorders)
 
     def died(self, how: str) -> Outcome:
         """Return the outcome where the process died. `how` differs between engines, so it is not in the result."""
@@ -156,7 +156,7 @@ class Job:
         return self._failed(f"the {self.noun} was not run\n", how, lost=True)
 
     def _failed(self, traceback: str, how: str, *, lost: bool = False) -> Outcome:
-        return self.outcome(self, CellResult(self.cell, traceback=traceback), {"died": how}, lost)
+        return Outcome(self, CellResult(self.cell, traceback=traceback), {"died": how}, lost)
 
 
 def run_job(job: Job, recorders: Sequence[Recorder] = ()) -> Outcome:
@@ -164,7 +164,7 @@ def run_job(job: Job, recorders: Sequence[Recorder] = ()) -> Outcome:
     _warm_up(job)
     started = time.perf_counter()
     try:
-        result = _evaluate(job, recorders)
+        result = job.measure(recorders)
     except Exception as error:  # a user's policy may raise anything, and the other cells go on
         result = CellResult(job.cell, traceback=traceback_of(error))
     seconds = time.perf_counter() - started
@@ -206,7 +206,7 @@ def _as_counts(counts: Mapping[str, int]) -> dict[str, int]:
     return {name: int(count) for name, count in counts.items()}
 
 
-def _evaluate(job: Job, recorders: Sequence[Recorder] = ()) -> CellResult:
+def _evaluate(job: Job, recorders: Sequence[Recorder]) -> CellResult:
     cell = job.cell
     options = environment_options(cell, job.options)
     for metric in job.metrics:
@@ -246,7 +246,7 @@ def _warm_up(job: Job) -> None:
     policy = PolicySpec.parse("late_fusion(delayed=replay)") if apart and job.policy.place else job.policy
     cell, here = replace(job.cell, frames=12 if apart else 3), replace(job.isolation, limit_s=None)
     with contextlib.suppress(Exception):  # the cell itself will report it
-        _evaluate(replace(job, cell=cell, policy=policy, isolation=here))
+        replace(job, cell=cell, policy=policy, isolation=here).measure()
 
 
 @cache

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import coopsim
-from coopsim.bench.benchmark import Progress, benchmark
+from coopsim.bench.benchmark import benchmark
 from coopsim.bench.engine.engine import Engine
 from coopsim.bench.entries.entry_files import work_folder
 from coopsim.bench.entries.entry_folder import OURS, EntryFolder
@@ -27,6 +27,7 @@ from coopsim.bench.grid.grid import ATTRIBUTES, Grid
 from coopsim.bench.grid.grid_file import find_grid
 from coopsim.bench.grid.labels import label
 from coopsim.bench.isolated.isolation import Isolation
+from coopsim.bench.run_jobs import Progress
 from coopsim.bench.store.fingerprint import package_versions
 from coopsim.errors import LeaderboardEntryError
 from coopsim.metrics.built_in import BUILT_IN, BYTES

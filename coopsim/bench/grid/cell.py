@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coopsim.bench.grid.axis import AXES, DEFAULT, HEADING, LATENCY, LOSS, POLICY, POSITION, RATE, USUAL, axis_of
 from coopsim.catalog import is_recordings_folder, is_scenario_file, scenario_file_options
@@ -159,6 +160,7 @@ class CellResult:
         arithmetic: arithmetic of networks in the run, see `coopsim.support.precision`; empty: unknown, or the cell
             failed.
         bound: the policy was told the truth: an upper bound, which does not compete (`Needs.truth`).
+        arrays: what a plan measures besides, by name, such as detections.
     """
 
     cell: Cell
@@ -172,6 +174,7 @@ class CellResult:
     method: str = ""
     arithmetic: str = ""
     bound: bool = False
+    arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     @property
     def failed(self) -> bool:

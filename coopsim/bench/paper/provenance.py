@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Self
 
 import coopsim
-from coopsim.bench.evaluate import listening_env
 from coopsim.bench.grid.cell import Cell, environment_options
 from coopsim.bench.grid.grid import ATTRIBUTES, Grid
 from coopsim.bench.isolated.isolation import Isolation
@@ -20,6 +19,7 @@ from coopsim.bench.store.fingerprint import package_digest, package_versions
 from coopsim.catalog import PolicySpec
 from coopsim.config.load import load
 from coopsim.errors import StoreError, UnknownNameError
+from coopsim.provided import listening_env
 from coopsim.support.precision import watch_weights
 
 _INFINITE = "inf"

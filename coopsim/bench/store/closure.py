@@ -32,7 +32,7 @@ _NO_DATA = ("bench", "cli", "testing")
 _LEARNED = ("learned",)
 """Names of parts that have networks by way of another module."""
 
-CODE_SUFFIXES = (".py", ".yaml", ".yml", ".json", ".csv", ".toml", ".safetensors")
+CODE_SUFFIXES = (".py", ".yaml", ".yml", ".json", ".csv", ".toml", ".safetensors", ".npz")
 
 _TYPES = re.compile(r"^([ \t]*)if TYPE_CHECKING:\n(?:\1[ \t]+.*\n|[ \t]*\n)+", re.MULTILINE)
 _IMPORT = re.compile(

@@ -2,12 +2,13 @@
 
 It is a cache: the name of a file is a hash of all inputs of its content, so any number of grids, versions and
 commands may share a folder. Results hold only data that are the same in every run; seconds, versions and the like are
-in a JSON file next to each.
+in a JSON file next to each, and arrays in an NPZ file without pickles.
 """
 
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import time
 from collections.abc import Mapping, Sequence
@@ -18,6 +19,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.store.fingerprint import key_of
@@ -67,7 +69,8 @@ class Store:
             raise StoreError(f"{path} is broken: {error}") from error
         if key_of(decided_by) != key:
             raise StoreError(f"{path} is broken: its content has another key, {key_of(decided_by)}")
-        return result
+        arrays = path.with_suffix(".npz")
+        return replace(result, arrays=_read_arrays(arrays)) if arrays.exists() else result
 
     def put(self, result: CellResult, decided_by: str, circumstances: Mapping[str, Any] | None = None) -> None:
         """Store a result durably; an older one of the same key is replaced.
@@ -81,6 +84,10 @@ class Store:
             InvalidValueError: the file cannot be written.
         """
         path = self.path_of(key_of(decided_by))
+        if result.arrays:
+            content, arrays = io.BytesIO(), dict[str, Any](result.arrays)
+            np.savez_compressed(content, **arrays)
+            write_durably(path.with_suffix(".npz"), content.getvalue())
         write_durably(path, encode(result, decided_by))
         write_durably(path.with_suffix(".json"), (json.dumps(circumstances or {}, indent=2) + "\n").encode())
 
@@ -149,6 +156,14 @@ class Store:
                     path.unlink()
             except OSError:  # another command was quicker
                 continue
+
+
+def _read_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    try:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as arrays:
+            return dict(arrays)
+    except Exception as error:  # a changed byte makes zipfile, zlib and numpy raise almost anything
+        raise StoreError(f"{path} is broken: {type(error).__name__}: {error}") from error
 
 
 _VALUES = pa.map_(pa.string(), pa.float64())

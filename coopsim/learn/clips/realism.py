@@ -20,7 +20,7 @@ from coopsim.support.kernels import njit
 from coopsim.support.rng import stream, uniform_numbers
 from coopsim.types import Ints, Mask
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.models.surfaces import GLASS
+from coopsim.world.models.surfaces import GLASS_REFLECTIVITY
 from coopsim.world.snapshot import Actors
 
 # Firings per revolution: HDL-64E at 10 Hz, 0.1728 degrees apart (Geiger et al., IJRR 2013); HDL-32E at 20 Hz
@@ -129,7 +129,7 @@ class Realism:
         faces = np.diff(triangles.parts.face_start)
         factor = np.repeat(np.concatenate([np.ones(len(faces) - len(each)), each]), faces)
         matt = triangles.reflectivity
-        plain = (matt != GLASS.reflectivity) & (matt <= 1.0)
+        plain = (matt != GLASS_REFLECTIVITY) & (matt <= 1.0)
         return replace(triangles, reflectivity=np.where(plain, matt * factor, matt))
 
 

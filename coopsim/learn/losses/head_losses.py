@@ -12,7 +12,6 @@ from torch.nn import functional
 from coopsim.errors import UnknownNameError
 from coopsim.learn.losses.judge_losses import judge_losses
 from coopsim.learn.losses.own_losses import OwnLosses, losses_of
-from coopsim.learn.losses.street_losses import front_class_loss, velocity_loss
 from coopsim.learn.samples.targets import Targets
 from coopsim.nn.camera.picture_net import DepthBins
 from coopsim.nn.detector.detector_net import (
@@ -25,7 +24,6 @@ from coopsim.nn.detector.detector_net import (
     VELOCITY,
     CentreHead,
     JudgedHead,
-    StreetHead,
     at_cells,
     residuals,
 )
@@ -35,7 +33,7 @@ WEIGHTS = {
     "velocity": 0.1, "variance": 0.05, "sure": 0.3, "foreground": 0.3, "teacher": 10.0, "alike": 0.5,
     "unmoved": 0.0, "instance class": 2.0, "instance box": 0.25, "association": 10.0,
     "detection class": 2.0, "prediction class": 2.0, "xiou": 2.0, "giou": 0.0, "speed": 0.25, "turn": 0.5,
-    "front": 0.5, "fit": 0.5, "end": 0.5,
+    "front": 0.5, "fit": 0.5,
 }  # fmt: skip
 """Weights of the parts of the loss; those of the others are 1."""
 
@@ -49,8 +47,8 @@ def head_loss(
     """
     shared, logits = head.heat(features)
     parts = {"heat": heat_loss(logits, targets.heat, targets.objects, targets.ignored)}
-    parts |= code_losses(head.codes(at_cells(shared, targets.cell)), targets, street=isinstance(head, StreetHead))
-    if isinstance(head, JudgedHead):
+    parts |= code_losses(head.codes(at_cells(shared, targets.cell)), targets)
+    if isinstance(head, JudgedHead):  # the velocity of its judge, if there is one, takes the place of the code's
         parts |= judge_losses(head, features, shared, logits, targets)
     parts |= losses_of(own, head, features, targets)
     return {"loss": sum_of(parts), **parts}
@@ -71,12 +69,11 @@ def heat_loss(logits: Tensor, heat: Tensor, objects: int, ignored: Tensor | None
     return -(found + empty) / max(objects, 1)
 
 
-def code_losses(code: Tensor, targets: Targets, *, street: bool = False) -> dict[str, Tensor]:
+def code_losses(code: Tensor, targets: Targets) -> dict[str, Tensor]:
     """Return the losses of codes (M, 19): smooth L1 of the values, and the Gaussian likelihood of their errors.
 
     Each is a mean over cells by their heat; that of velocities is one over cells whose sample shows motion. Gradients
-    of the likelihood reach the log variances alone, so that a large variance does not excuse a bad box. With `street`,
-    headings and velocities are taught as `coopsim.learn.losses.street_losses` says.
+    of the likelihood reach the log variances alone, so that a large variance does not excuse a bad box.
     """
     weight, true = targets.weight, targets.code
 
@@ -90,12 +87,10 @@ def code_losses(code: Tensor, targets: Targets, *, street: bool = False) -> dict
     error = residuals(code, true, targets.yaw, targets.cell_m).detach()
     spread = code[:, LOG_VARIANCE].clamp(-8.0, 4.0)
     likelihood = 0.5 * (spread + error**2 * torch.exp(-spread)).sum(dim=1)
-    parts = {"place": 2 * loss(OFFSET) + loss(HEIGHT), "size": loss(SIZE)}
-    if street:
-        parts |= {"yaw": loss(AXIS), "end": front_class_loss(code, targets), "velocity": velocity_loss(code, targets)}
-    else:
-        parts |= {"yaw": loss(AXIS) + 0.5 * loss(HEADING), "velocity": loss(VELOCITY, weight * targets.moves)}
-    return {**parts, "variance": mean(likelihood)}
+    return {
+        "place": 2 * loss(OFFSET) + loss(HEIGHT), "size": loss(SIZE), "yaw": loss(AXIS) + 0.5 * loss(HEADING),
+        "velocity": loss(VELOCITY, weight * targets.moves), "variance": mean(likelihood),
+    }  # fmt: skip
 
 
 def sum_of(parts: Mapping[str, Tensor], weights: Mapping[str, float] | None = None) -> Tensor:

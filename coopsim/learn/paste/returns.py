@@ -15,7 +15,7 @@ from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.lidar.returns import reflect
 from coopsim.sensors.scene import RayScene, Triangles
 from coopsim.types import Ints, Mask
-from coopsim.world.models.surfaces import GLASS
+from coopsim.world.models.surfaces import GLASS_REFLECTIVITY
 
 _MORE_LOST = 0.3  # most further share of lost returns: real vehicles return a third to a half of the rays over them
 _STANDING_M = (0.3, 2.5)
@@ -70,7 +70,7 @@ def cast(rays: SweepRays, points: int, triangles: Triangles, optics: Optics, rng
     assert flaws is not None
     cosine = np.abs(np.einsum("ij,ij->i", scene.normals[face], toward)).astype(np.float32)
     range_m, light = hits.range_m[first], reflect(face, flaws.fall_off(cosine), triangles.reflectivity, 0.0)
-    is_pane = triangles.reflectivity == GLASS.reflectivity
+    is_pane = triangles.reflectivity == GLASS_REFLECTIVITY
     look_in(range_m, light, face, is_pane, rng.random(len(light), np.float32), flaws.through)
     light *= np.exp(np.float32(flaws.speckle) * rng.standard_normal(len(light), np.float32))
     energy = light * (optics.lidar.reference_range_m / np.maximum(range_m, 1e-3)) ** 2

@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor, nn
 
-from coopsim.nn.detector.box_judge import BoxJudge, turned_round
+from coopsim.nn.detector.box_judge import BoxJudge, over_ground, turned_round
 from coopsim.nn.detector.encoder import EncoderConfig, PillarEncoder, conv
 from coopsim.nn.detector.sparse_cells import SparseCells, SparseConv, filled
 from coopsim.nn.detector.sparse_encoder import SparseEncoder
@@ -71,11 +71,6 @@ def encode_boxes(boxes: Tensor, velocity: Tensor, label: Tensor, center_m: Tenso
     return torch.cat([offset, boxes[:, 2:3], size, *turned, velocity / VELOCITY_SCALE], dim=1).float()
 
 
-def front_logits(code: Tensor, yaw: Tensor) -> Tensor:
-    """Return the logits (N,) of fronts lying in the directions `yaw` (N,), of codes (N, >= 12) of a `StreetHead`."""
-    return torch.cos(yaw) * code[:, 8] + torch.sin(yaw) * code[:, 9]
-
-
 def decode_boxes(code: Tensor, label: Tensor, center_m: Tensor, cell_m: float) -> tuple[Tensor, Tensor]:
     """Return boxes (N, 7) and velocities (N, 2) m/s of codes (N, >= 12): the inverse of `encode_boxes`.
 
@@ -83,7 +78,8 @@ def decode_boxes(code: Tensor, label: Tensor, center_m: Tensor, cell_m: float) -
     the prediction of its axis wavers.
     """
     axis = 0.5 * torch.atan2(code[:, 7], code[:, 6])
-    yaw = torch.where(front_logits(code, axis) >= 0, axis, axis + torch.pi)
+    ahead = torch.cos(axis) * code[:, 8] + torch.sin(axis) * code[:, 9]
+    yaw = torch.where(ahead >= 0, axis, axis + torch.pi)
     yaw = torch.atan2(torch.sin(yaw), torch.cos(yaw))
     size = size_priors(code.device)[label] * torch.exp(code[:, SIZE].clamp(-1.5, 1.5))
     boxes = torch.cat([center_m + code[:, OFFSET] * cell_m, code[:, HEIGHT], size, yaw[:, None]], dim=1)
@@ -127,6 +123,9 @@ def covariances(log_variance: Tensor, boxes: Tensor) -> Tensor:
     return out
 
 
+Looked = tuple[Tensor, Tensor, Tensor]
+"""Boxes (N, 7), velocities (N, 2) m/s and scores (N,) after a second look."""
+
 VEHICLES = 0
 """Number of the group of vehicles among those of `coopsim.nn.detector.decode.GROUPS`."""
 
@@ -169,14 +168,14 @@ class CentreHead(nn.Module):
             code: Tensor = self.code_of(shared_at.float())
         return code
 
-    def second_look(self, boxes: Tensor, score: Tensor, group: Tensor, patches: Tensor) -> tuple[Tensor, Tensor]:
-        """Return boxes (N, 7), vehicles the right way round, and their scores (N,); see `JudgedHead.second_look`.
+    def second_look(self, boxes: Tensor, velocity: Tensor, score: Tensor, group: Tensor, patches: Tensor) -> Looked:
+        """Return boxes, vehicles the right way round; see `JudgedHead.second_look`.
 
         The sweep of a person does not show which way they face, so people and riders stay as they are.
         """
         assert self.judge is not None
-        forward, _ = self.judge(patches)
-        return turned_round(boxes, torch.where(group == VEHICLES, forward, 1.0)), score
+        forward = self.judge(patches).forward
+        return turned_round(boxes, torch.where(group == VEHICLES, forward, 1.0)), velocity, score
 
 
 def at_cells(maps: Tensor, cell: Tensor) -> Tensor:
@@ -221,32 +220,37 @@ class JudgedHead(nn.Module):
         """Let scores be as the network gives them."""
         self.get_buffer("calibration").copy_(torch.tensor([[1.0, 0.0]] * 3))
 
-    def second_look(self, boxes: Tensor, score: Tensor, group: Tensor, patches: Tensor) -> tuple[Tensor, Tensor]:
-        """Return boxes (N, 7) the right way round, and calibrated scores (N,).
+    def second_look(self, boxes: Tensor, velocity: Tensor, score: Tensor, group: Tensor, patches: Tensor) -> Looked:
+        """Return boxes (N, 7) the right way round, their velocities (N, 2), and calibrated scores (N,).
 
         The score is the root of heat times quality (CenterPoint, section 4.2), its logit moved and stretched for each
         group so that it is the share of right boxes among those with this score.
 
         Args:
             boxes: found boxes.
+            velocity: (N, 2) what their codes say, m/s; kept, unless the judge tells motions.
             score: (N,) heat.
             group: (N,) number of the class's group.
             patches: (N, 9 C), see `coopsim.nn.covariance.covariance_net.box_patches`.
         """
-        forward, fits = self.judge(patches)
+        forward, fits, motion = self.judge(patches)
         assert fits is not None
         logit = torch.logit(torch.sqrt(score * fits.sigmoid()), 1e-6)
         slope, shift = self.get_buffer("calibration")[group].unbind(1)
-        return turned_round(boxes, forward), torch.sigmoid(slope * logit + shift)
+        told = velocity if motion is None else over_ground(motion, boxes[:, 6])
+        return turned_round(boxes, forward), told, torch.sigmoid(slope * logit + shift)
 
 
 class StreetHead(JudgedHead):
-    """A head that tells the front of a box as a class, and velocities at their full size.
+    """A head that tells how a box moves when it looks again.
 
-    Numbers 8 and 9 of its code, times the axis of a box as a vector, are the logit of "the front lies this way": it
-    changes its sign with the box, and no heading is a seam between the two classes. `decode_boxes` reads them as it
-    does a direction. How it is taught: `coopsim.learn.losses.street_losses`.
+    A cell's code would have to know each velocity in every direction of the map. At places that turn with the box, what
+    came and what left between two sweeps looks the same whatever the heading.
     """
+
+    def __init__(self, channels: int = 64) -> None:
+        super().__init__(channels)
+        self.judge = BoxJudge(channels, moves=True)
 
 
 def make_head(kind: str, channels: int) -> CentreHead | JudgedHead:

@@ -27,7 +27,7 @@ LAYOUTS = ("dense", "sparse")
 HEADS = ("centre", "turned", "judged", "street")
 """Kinds of heads: files of weights name theirs. "turned" is "centre" with a second look at each box, for which of its
 ends is the front. "judged" computes where features are, and looks again for that and for how well the box fits.
-"street" is "judged" that is taught the front as a class, and velocities of what moves by themselves."""
+"street" is "judged" that tells a box's motion when it looks again."""
 
 GROUNDS = ("smooth", "local")
 """Rules of the ground: see `coopsim.nn.detector.ground` and `coopsim.nn.detector.local_ground`."""

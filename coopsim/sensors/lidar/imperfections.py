@@ -19,7 +19,7 @@ from coopsim.support.checks import require_between, require_non_negative, requir
 from coopsim.support.kernels import njit
 from coopsim.support.rng import require_seed, stream
 from coopsim.types import Ints, Mask
-from coopsim.world.models.surfaces import GLASS
+from coopsim.world.models.surfaces import GLASS_REFLECTIVITY
 
 MOST_TILT_RAD = 0.2
 _INSIDE_M, _INSIDE_ALBEDO = (0.2, 1.6), 0.15  # seats, people, the far doors, through two panes; assumed by us
@@ -131,7 +131,7 @@ class Imperfections:
         at, kept = rng.random(rays, np.float32), rng.random(rays, np.float32)
         bright = np.exp(np.float32(self.speckle) * rng.standard_normal(rays, np.float32))
         if self.through > 0:
-            is_pane = (triangles.reflectivity == GLASS.reflectivity) & (triangles.instance > STATIC_ID)
+            is_pane = (triangles.reflectivity == GLASS_REFLECTIVITY) & (triangles.instance > STATIC_ID)
             look_in(range_m, bounced, face, is_pane, rng.random(rays, np.float32), self.through)
         reach = min(self.edge_rad / 2 / (2 * np.pi / columns), _MOST_SHARE)
         worse = np.empty_like(range_m), np.empty_like(bounced), np.empty_like(face)

@@ -1,7 +1,7 @@
 """Shapes of vehicles and people: meshes for each pose, with materials.
 
-Start in `model.py`; `catalogue.py` has all models: the built-in ones, which `coopsim.world.shapes` makes, and custom
-ones, as from meshes.
+Start in `model.py`; `catalogue.py` has all models: the built-in ones, which `built_in.py` reads, and custom ones, as
+from meshes.
 """
 
 from coopsim.world.models.catalogue import make_models, register_model

@@ -1,9 +1,8 @@
-"""The catalogue of models: the built-in ones, by sets, and those that users register."""
+"""The catalogue of models: the built-in ones, by groups, and those that users register."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import cache
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -11,13 +10,11 @@ from coopsim.errors import DuplicateNameError, InvalidValueError
 from coopsim.support.registry import Registry
 from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.models.built_in import GROUPS, built_in_models
 from coopsim.world.models.model import Model
 
 CUSTOM_MODELS: Registry[Model] = Registry("model")
 """Models that users have registered."""
-
-SHAPES: Registry[Callable[[], Sequence[Model]]] = Registry("set of models", home="coopsim.world.shapes")
-"""Functions that return the built-in models: those of "plain" places, "varied" ones, and people "at_rest"."""
 
 
 def make_models(varied: bool = False, at_rest: bool = False) -> tuple[Model, ...]:
@@ -26,7 +23,8 @@ def make_models(varied: bool = False, at_rest: bool = False) -> tuple[Model, ...
     They are followed by the variants if `varied`, and then by people who stand and sit if `at_rest`.
     """
     custom = (CUSTOM_MODELS.get(name) for name in CUSTOM_MODELS)
-    return (*_set("plain"), *custom, *(_set("varied") if varied else ()), *(_set("at_rest") if at_rest else ()))
+    added = (*(("varied",) if varied else ()), *(("standing", "sitting") if at_rest else ()))
+    return (*built_in_models("plain"), *custom, *(model for group in added for model in built_in_models(group)))
 
 
 def register_model(model: Model) -> Model:
@@ -38,14 +36,9 @@ def register_model(model: Model) -> Model:
     """
     if not isinstance(model, Model):
         raise InvalidValueError(f"model must be a Model, as model_from_mesh makes one, got {model!r}")
-    if any(model.name == other.name for name in SHAPES for other in _set(name)):
+    if any(model.name == other.name for group in GROUPS for other in built_in_models(group)):
         raise DuplicateNameError(f"model {model.name!r} is built in")
     return CUSTOM_MODELS.register(model.name)(model)
-
-
-@cache
-def _set(name: str) -> tuple[Model, ...]:
-    return tuple(SHAPES.get(name)())
 
 
 def models_of(models: Sequence[Model], label: ObjectClass, *, parked: bool = False) -> Ints:

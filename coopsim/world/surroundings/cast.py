@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models import Model, make_models
-from coopsim.world.shapes.people_at_rest import SITTING, STANDING
+from coopsim.world.models.built_in import built_in_models
 
 _VAN_SHARE = 0.12
 _LONGEST_PARKED_M = 5.6
@@ -49,19 +50,18 @@ class Cast(NamedTuple):
 @cache
 def make_cast() -> Cast:
     """Return the roles of the built-in models."""
-    people = [model for model in make_models(at_rest=True) if model.name in STANDING | SITTING]
     parked = [model for model in make_models(varied=True) if model.size_m[0] <= _LONGEST_PARKED_M]
     cars, vans = ([m for m in parked if m.label == label] for label in (ObjectClass.CAR, ObjectClass.VAN))
     bicycles, scooters = ([m for m in parked if m.name == name] for name in ("bicycle_parked", "kick_scooter_parked"))
     return Cast(
-        _role([model for model in people if model.name in STANDING]),
-        _role([model for model in people if model.name in SITTING]),
+        _role(built_in_models("standing")),
+        _role(built_in_models("sitting")),
         _joined(_role(cars), _role(vans), _VAN_SHARE),
         _joined(_role(bicycles), _role(scooters), _SCOOTER_SHARE),
     )
 
 
-def _role(models: list[Model]) -> Role:
+def _role(models: Sequence[Model]) -> Role:
     return Role(tuple(models), tuple(model.share for model in models))
 
 

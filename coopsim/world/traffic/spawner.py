@@ -26,7 +26,7 @@ _BRAKING_M_S2 = 5.0  # of a vehicle that starts right behind a slower one
 _GAP_M = 0.5  # left when it has braked
 _TURN_RAD = 0.3  # a vehicle with another heading is not ahead
 
-_BUS_AXLES = 0.25  # from the middle, in lengths: half a length apart, as `coopsim.world.shapes.heavy` draws them
+_BUS_AXLES = 0.25  # from the middle, in lengths: half a length apart, as the models of buses have them
 
 _PARKED_VANS = 0.15  # share of vans, where a bay has no class of its own
 

@@ -15,6 +15,7 @@ from coopsim.bench.benchmark import benchmark
 from coopsim.bench.demo import Demo, DemoConfig
 from coopsim.bench.detect.detect import Measured, markdown_table, row_of
 from coopsim.bench.detect.detect_plan import DetectPlan
+from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.leaderboard import evaluate_each
@@ -171,7 +172,9 @@ def test_detection_is_measured_as_an_upper_bound() -> None:
     plan = DetectPlan(("truth", "late_fusion(defense=oracle)", "no_fusion"), ("crossing",), (0,), frames=2)
     plan.check()
     assert plan.bounds == {"truth", "late_fusion(defense=oracle)"}
-    job = plan.jobs_of("truth", "crossing", plan.disturbances[0])[0]
-    row = row_of(plan, ("truth", "crossing", plan.disturbances[0]), {}, [Measured.of(job.run().perceived, "coopsim")])
+    place = next(plan.rows())
+    (job,) = plan.jobs_of(*place)
+    perceived = Perceived.from_arrays(job.run().result.arrays)
+    row = row_of(plan, place, {}, [Measured.of(perceived, "coopsim")])
     assert row["APBEV@0.7"] == 1.0 and row["bound"]
     assert "truth (upper bound)" in markdown_table([row])

@@ -127,9 +127,21 @@ def test_what_became_of_the_messages() -> None:
 
 def test_on_frame_watches_every_step(closed: list[CooperativeEnv]) -> None:
     times: list[int] = []
-    coopsim.evaluate(Echo(), on_frame=lambda env: times.append(env.time_ns), **SHORT)
+    with pytest.warns(DeprecationWarning, match="on_frame will go: give recorders"):
+        coopsim.evaluate(Echo(), on_frame=lambda env: times.append(env.time_ns), **SHORT)
     assert times == [100_000_000, 200_000_000, 300_000_000, 400_000_000]
     assert len(closed) == 1
+
+
+def test_recorders_are_told_of_every_sequence(recordings: Path) -> None:
+    class Counter(coopsim.Recorder):
+        steps = 0
+
+        def on_step(self, episode: coopsim.Episode) -> None:
+            self.steps += 1
+
+    counted = Counter()
+    assert coopsim.evaluate_recordings(Echo(), recordings, ("ego",), recorders=[counted]).frames == counted.steps == 10
 
 
 def test_recordings_are_pooled_not_averaged(recordings: Path) -> None:

@@ -49,12 +49,22 @@ class Witness(coopsim.Policy):
         return Tracks(ids, found.boxes, np.zeros((len(found), 2)), found.score, found.label)
 
 
+class Actors(coopsim.Recorder):
+    """The state of the world, frame by frame."""
+
+    def __init__(self) -> None:
+        self.actors: list[bytes] = []
+
+    def on_step(self, episode: coopsim.Episode) -> None:
+        self.actors.append(episode.env.state().tobytes())
+
+
 def witness(condition: Condition, uplink: str, busy: bool) -> tuple[Witness, list[bytes]]:
     """A witness after its run, and all actors by frame."""
-    policy, actors = Witness(uplink, busy), []
+    policy, kept = Witness(uplink, busy), Actors()
     options = environment_options(Cell(uplink, condition, 5, 15), OPTIONS)
-    coopsim.evaluate(policy, "crossing", seed=5, on_frame=lambda env: actors.append(env.state().tobytes()), **options)
-    return policy, actors
+    coopsim.evaluate(policy, "crossing", seed=5, recorders=[kept], **options)
+    return policy, kept.actors
 
 
 @pytest.mark.parametrize(

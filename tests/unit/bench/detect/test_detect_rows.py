@@ -7,14 +7,14 @@ from dataclasses import replace
 import pytest
 from perceived_frames import detections, objects
 
-from coopsim.bench.detect.detect import EVERYWHERE, Measured, markdown_table, row_of
-from coopsim.bench.detect.detect_plan import DetectPlan, Disturbance
+from coopsim.bench.detect.detect import Measured, markdown_table, row_of
+from coopsim.bench.detect.detect_plan import EVERYWHERE, DetectPlan, own_condition
 from coopsim.bench.detect.perceived import Perceived
 from coopsim.errors import InvalidValueError
 
 GOOD = Perceived.of([detections((0, 0.9))], [objects(0)], messages=3, sent_bytes=300, ms={"policy": 10.0})
 EMPTY = Perceived.of([detections()] * 3, [objects()] * 3, messages=1, sent_bytes=20, ms={"policy": 2.0})
-PLACE = ("no_fusion", EVERYWHERE, Disturbance(0.4, 0.2))
+PLACE = "no_fusion", own_condition(EVERYWHERE, position_noise_m=0.4, heading_noise_deg=0.2)
 
 
 def test_episodes_count_by_their_frames() -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from coopsim.bench.benchmark import Schedule
 from coopsim.bench.engine.job import Job, Outcome
+from coopsim.bench.engine.schedule import Schedule
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.catalog import PolicySpec
 

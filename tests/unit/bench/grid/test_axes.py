@@ -23,7 +23,7 @@ from coopsim.bench.paper.provenance import Provenance
 from coopsim.bench.report.bench_text import to_csv
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.catalog import PolicySpec
-from coopsim.cli.arguments import varied, varied_option
+from coopsim.cli.argument_types import varied, varied_option
 from coopsim.errors import CoopsimError, GridFileError, InvalidValueError, UnknownNameError
 
 SMALL: dict[str, Any] = {"lidar": None, "vehicles": 4}

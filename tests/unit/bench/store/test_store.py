@@ -171,3 +171,22 @@ def test_all_that_decides_a_result_is_in_its_key(tmp_path: Path) -> None:
     weights.write_bytes(b"2")
     for named, before in zip((learned, nested, given), befores, strict=True):
         assert key(**named) != before  # type: ignore[arg-type]
+
+
+def test_arrays_stand_beside_a_result(tmp_path: Path) -> None:
+    store, decided_by = Store(tmp_path), "why"
+    arrays = {"box": np.arange(14.0).reshape(2, 7), "text": np.frombuffer(b"{}", np.uint8)}
+    store.put(replace(RESULT, arrays=arrays), decided_by)
+    key = key_of(decided_by)
+    back, path = store.get(key), store.path_of(key).with_suffix(".npz")
+    assert back is not None and same(back, RESULT) and back.arrays.keys() == arrays.keys()
+    for name, array in arrays.items():
+        np.testing.assert_array_equal(back.arrays[name], array)
+    content, refused = path.read_bytes(), 0
+    for place in range(0, len(content), max(1, len(content) // 100)):
+        path.write_bytes(content[:place] + bytes([content[place] ^ 0xFF]) + content[place + 1 :])
+        try:
+            store.get(key)  # some bytes, as a date, mean nothing
+        except StoreError as error:
+            refused += f"{key}.npz is broken" in str(error)
+    assert refused > 60

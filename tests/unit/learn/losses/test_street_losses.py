@@ -1,4 +1,4 @@
-"""Losses of the street head: fronts as a class that turns with the box, and velocities at their full size."""
+"""Losses of the street head: motions at their full size, whatever the heading of a box."""
 
 from __future__ import annotations
 
@@ -6,77 +6,39 @@ import numpy as np
 import torch
 
 from coopsim.learn.losses.head_losses import head_loss, sum_of
-from coopsim.learn.losses.street_losses import front_class_loss, velocity_loss
-from coopsim.learn.samples.targets import Targets, make_targets
-from coopsim.nn.detector.decode import cell_centers
-from coopsim.nn.detector.detector_net import HEADING, VELOCITY, DetectorNet, decode_boxes, front_logits
+from coopsim.learn.losses.judge_losses import found_boxes, seen_from
+from coopsim.learn.losses.street_losses import motion_loss
+from coopsim.learn.samples.targets import make_targets
+from coopsim.nn.detector.box_judge import over_ground
+from coopsim.nn.detector.decode import decode
+from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.nn.detector.encoder import EncoderConfig
 from coopsim.nn.detector.pillars import collate, pillarize
 from coopsim.types import BevGrid
 
 torch.set_num_threads(1)
 GRID = BevGrid((-24.0, 24.0), (-24.0, 24.0), 1.2)
-YAWS = np.array([0.3, 1.571, -1.57, 3.14, -2.5])
 
 
-def targets(yaw: np.ndarray = YAWS, speed: float = 0.0, **more: bool) -> Targets:
-    """Return the targets of cars in a row."""
-    count = len(yaw)
-    boxes = np.column_stack(
-        [np.linspace(-20, 20, count), np.zeros(count), np.tile([0.8, 4.6, 1.9, 1.6], (count, 1)), yaw]
-    )
-    velocity = speed * np.column_stack([np.cos(yaw), np.sin(yaw)])
-    return make_targets(boxes, velocity, np.zeros(count, np.int64), GRID, **more)
+def test_motions_are_seen_from_a_box_and_from_its_other_end() -> None:
+    velocity, yaw = np.array([[3.0, 4.0], [0.0, -2.0]]), np.array([0.3, -2.0])
+    motion = seen_from(velocity, yaw)
+    np.testing.assert_allclose(seen_from(velocity, yaw + np.pi), -motion)
+    ahead = np.column_stack([np.cos(yaw), np.sin(yaw)])
+    np.testing.assert_allclose(motion[:, 0], (velocity * ahead).sum(axis=1))
+    np.testing.assert_allclose(over_ground(torch.from_numpy(motion), torch.from_numpy(yaw)), velocity)
 
 
-def code_of(true: Targets) -> torch.Tensor:
-    code = torch.zeros(len(true.cell), 19)
-    code[:, :12] = true.code
-    return code
-
-
-def test_the_class_of_a_front_turns_with_the_box() -> None:
-    true, reversed_ = targets(), targets(YAWS + np.pi)
-    code = code_of(true)
-    code[:, HEADING] *= 5
-    torch.testing.assert_close(front_logits(code, true.yaw), -front_logits(code, reversed_.yaw), atol=1e-5, rtol=1e-5)
-    assert front_class_loss(code, true) < 0.01
-    assert front_class_loss(code, reversed_) > 4
-    undecided = code.clone()
-    undecided[:, HEADING] = 0
-    np.testing.assert_allclose(float(front_class_loss(undecided, true)), np.log(2), atol=1e-5)
-
-
-def test_boxes_are_decoded_with_the_front_that_the_class_says() -> None:
-    true = targets()
-    code = code_of(true)
-    ahead, _ = decode_boxes(code, true.label, cell_centers(true.cell, GRID), GRID.cell_m)
-    code[:, HEADING] *= -0.01
-    behind, _ = decode_boxes(code, true.label, cell_centers(true.cell, GRID), GRID.cell_m)
-    assert (torch.cos(ahead[:, 6] - true.yaw) > 0.999).all()
-    assert (torch.cos(behind[:, 6] - true.yaw) < -0.999).all()
-    torch.testing.assert_close(ahead[:, :6], behind[:, :6])
-
-
-def test_velocities_of_what_moves_are_not_diluted_by_what_stands() -> None:
-    yaw = np.zeros(1)
-    moving, few, many = targets(yaw, 10.0), targets(np.zeros(2)), targets(np.zeros(9))
-    shows_none = targets(yaw, 10.0, moves=False)
-    silent = code_of(moving)
-    silent[:, VELOCITY] = 0
-    tenth = code_of(moving)
-    tenth[:, VELOCITY] *= 0.1
-    assert velocity_loss(code_of(moving), moving) == 0
-    assert velocity_loss(tenth, moving) > 0.8 * velocity_loss(silent, moving) > 0.5
-    assert velocity_loss(silent, shows_none) == 0
-    for others in (few, many):
-        joined = Targets(
-            moving.heat, *(torch.cat([getattr(moving, name), getattr(others, name)]) for name in
-                           ("cell", "code", "weight", "label", "yaw", "moves")),
-            moving.ignored, 0, moving.cell_m,
-        )  # fmt: skip
-        both = velocity_loss(torch.cat([silent, code_of(others)]), joined)
-        torch.testing.assert_close(both, velocity_loss(silent, moving))
+def test_motions_of_what_moves_are_not_diluted_by_what_stands() -> None:
+    moving, silent, one = torch.tensor([[10.0, 0.0]]), torch.zeros(1, 2), torch.ones(1)
+    assert motion_loss(moving, moving, one) == 0
+    alone = motion_loss(silent, moving, one)
+    assert motion_loss(0.1 * moving, moving, one) > 0.8 * alone > 0.5
+    assert motion_loss(silent, moving, 0 * one) == 0
+    for others in (2, 9):
+        stand = torch.zeros(others, 2)
+        both = motion_loss(torch.zeros(1 + others, 2), torch.cat([moving, stand]), torch.ones(1 + others))
+        torch.testing.assert_close(both, alone)
 
 
 def drive() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -106,17 +68,29 @@ def test_a_batch_learned_by_heart_has_velocities_of_full_size() -> None:
         torch.manual_seed(0)
         net = DetectorNet(config)
     adam = torch.optim.AdamW(net.parameters(), lr=0.02)
-    for _ in range(40):
+    for _ in range(80):
         parts = head_loss(net.head, net.encoder(batch), true)
         adam.zero_grad()
         sum_of({name: part for name, part in parts.items() if name != "loss"}, {"velocity": 1.0}).backward()
         adam.step()
-    with torch.no_grad():
-        shared, _ = net.head.heat(net.encoder(batch))
-        rows = shared.permute(0, 2, 3, 1).flatten(0, 2)[true.cell]
-        _, found = decode_boxes(net.head.codes(rows), true.label, cell_centers(true.cell, GRID), GRID.cell_m)
-    truth = true.code[:, VELOCITY] * 10
-    moving = truth.norm(dim=1) > 1
-    error = (found - truth).norm(dim=1)
-    assert (error[moving] / truth.norm(dim=1)[moving]).median() < 0.15
-    assert error[~moving].median() < 0.5
+    found = decode(net.head, net.encoder(batch), GRID, moving=[True])[0]
+    away = np.linalg.norm(found.boxes.center[:, None, :2] - boxes[:, :2], axis=2)
+    row = away.argmin(axis=0)
+    assert away.min(axis=0).max() < 1.0
+    assert found.velocity is not None
+    error = np.linalg.norm(found.velocity[row] - velocity, axis=1)
+    assert np.median(error[:2] / [14.0, 6.0]) < 0.15
+    assert np.median(error[2:]) < 0.5
+
+
+def test_what_a_sample_does_not_show_is_not_taught() -> None:
+    points, boxes, velocity = drive()
+    config = EncoderConfig(0.6, 16, (16, 16, 16), (1, 1, 1), 16, sweeps=2, head="street", layout="sparse", apart=True)
+    batch = collate([pillarize(points, BevGrid(GRID.x_m, GRID.y_m, 0.6), config.pillars)])
+    net = DetectorNet(config)
+    features = net.encoder(batch)
+    for shown in (True, False):
+        true = make_targets(boxes, velocity, np.zeros(4, np.int64), GRID, moves=shown)
+        shared, _ = net.head.heat(features)
+        seen = found_boxes(net.head, features, shared, 20 * (true.heat - 0.5), true)
+        assert (seen.moves == 0).all() or shown

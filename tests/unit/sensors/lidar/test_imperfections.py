@@ -18,7 +18,7 @@ from coopsim.sensors.lidar.patterns import PATTERNS, BeamPattern
 from coopsim.sensors.scene import RayScene, SceneGeometry
 from coopsim.support.rng import stream
 from coopsim.types import Sweep
-from coopsim.world.models.surfaces import GLASS
+from coopsim.world.models.surfaces import GLASS_REFLECTIVITY
 from coopsim.world.snapshot import Actors, StaticPart
 
 FLAT = BeamPattern("flat", np.radians([-4.0, -6.0]))
@@ -123,7 +123,7 @@ def test_errors_of_beams_bend_the_ground_row_by_row() -> None:
 
 def test_windows_let_rays_in_and_paint_does_not() -> None:
     shell = MODELS[0]
-    glass = replace(shell, reflectivity=np.full(len(shell.faces), GLASS.reflectivity), tint=np.zeros(len(shell.faces)))
+    glass = replace(shell, reflectivity=np.full(len(shell.faces), GLASS_REFLECTIVITY), tint=np.zeros(len(shell.faces)))
     for model, looks_in in ((shell, False), (glass, True)):
         scene = RayScene(SceneGeometry([model], []).triangles(actors([[10.0, 0.0, 0.0]])))
         config = LidarConfig(FLAT, columns=2048, range_noise_m=0.0, dropout_energy=0.0)

@@ -3,19 +3,20 @@
 import numpy as np
 import pytest
 import trimesh
-from numpy.typing import NDArray
+from representatives import all_of
 
 from coopsim.errors import InvalidValueError
 from coopsim.types.taxonomy import CLASS_NAMES, ObjectClass
 from coopsim.world.models import make_models
 from coopsim.world.models.model import Model
 from coopsim.world.scenario import SCENARIOS, make_scenario
-from coopsim.world.shapes.figure import bend_limbs
 
 MODELS = make_models()
 VARIED = make_models(varied=True)
 MOVING = [model for model in MODELS if len(model.poses) > 1]
 WALKERS = [model for model in MODELS if model.label in (ObjectClass.PEDESTRIAN, ObjectClass.CHILD)]
+ONE_OF_A_KIND = ("sedan", "panel_van_doors_open", "concrete_mixer", "double_decker", "motorcycle_two_riders")
+ONE_OF_A_KIND += ("cargo_bicycle", "motor_scooter_delivery", "woman_pushchair", "child_of_3")  # bits are held elsewhere
 FLAT = {"ground", "pavement", "road", "marking"}
 
 ANCHORS_M = {
@@ -43,8 +44,9 @@ def test_poses_fill_the_box_around_the_origin(model: Model) -> None:
     np.testing.assert_array_equal(model.vertices, model.poses[0])
 
 
-@pytest.mark.parametrize("model", VARIED, ids=by_name)
-def test_every_part_is_closed_and_faces_outwards_in_every_pose(model: Model) -> None:
+@pytest.mark.parametrize("name", all_of([model.name for model in VARIED], *ONE_OF_A_KIND))
+def test_every_part_is_closed_and_faces_outwards_in_every_pose(name: str) -> None:
+    (model,) = (model for model in VARIED if model.name == name)
     for pose in model.poses:
         parts = trimesh.Trimesh(pose, model.faces, process=False).split(only_watertight=False)
         assert len(parts) > 4
@@ -106,19 +108,6 @@ def test_a_foot_on_the_ground_stays_where_it_is(model: Model) -> None:
         sole = pose[:, 2] < pose[:, 2].min() + 0.015 * model.size_m[2]
         slips.append(step[sole, 0].mean() + model.cycle_m / len(model.poses))
     assert np.abs(np.mean(slips)) < 0.25 * model.cycle_m / len(model.poses)
-
-
-def test_reach_keeps_the_lengths_of_the_links_and_arrives() -> None:
-    rng = np.random.default_rng(0)
-    for _ in range(50):
-        start: NDArray[np.float64] = rng.normal(size=(2, 3))
-        end = start + rng.normal(size=(2, 3))
-        middle, tip = np.moveaxis(bend_limbs(start, end, (0.7, 0.6), (1.0, 0.2, 0.1)), 1, 0)
-        np.testing.assert_allclose(np.linalg.norm(middle - start, axis=1), 0.7, rtol=1e-9)
-        np.testing.assert_allclose(np.linalg.norm(tip - middle, axis=1), 0.6, rtol=1e-9)
-        far = np.linalg.norm(end - start, axis=1)
-        missed = np.linalg.norm(tip - end, axis=1)
-        np.testing.assert_allclose(missed, np.maximum(far - 0.999 * 1.3, 0.0), atol=1e-9)
 
 
 def box(**changes: object) -> Model:

@@ -7,21 +7,24 @@ import pytest
 from coopsim.sensors.scene import is_closed
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models import Model, make_models
+from coopsim.world.models.built_in import built_in_models
 from coopsim.world.models.catalogue import models_of
-from coopsim.world.shapes.people_at_rest import SITTING, STANDING, make_people_at_rest
+
+STANDING, SITTING = built_in_models("standing"), built_in_models("sitting")
 
 
-@pytest.mark.parametrize("model", make_people_at_rest(), ids=lambda model: model.name)
+@pytest.mark.parametrize("model", [*STANDING, *SITTING], ids=lambda model: model.name)
 def test_they_are_closed_and_as_tight_as_labels_of_data_sets(model: Model) -> None:
     assert is_closed(model.vertices, model.faces) and len(model.poses) == 1
     length, width, height = model.size_m
     carries = any(thing in model.name for thing in ("pushchair", "dog", "umbrella"))
     assert min(length, width) >= 0.2 and (carries or max(length, width) <= 0.9)
-    assert height < 1.4 if model.name in SITTING else height > 1.0
+    assert height < 1.4 if model in SITTING else height > 1.0
 
 
 def test_nobody_who_walks_is_one_of_them_and_other_worlds_do_not_have_them() -> None:
-    models, names = make_models(varied=True, at_rest=True), STANDING | SITTING
+    models = make_models(varied=True, at_rest=True)
+    names = {model.name for model in (*STANDING, *SITTING)}
     for label in (ObjectClass.PEDESTRIAN, ObjectClass.CHILD):
         assert not {models[k].name for k in models_of(models, label)} & names
     usual = make_models(varied=True)

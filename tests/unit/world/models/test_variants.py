@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from actor_shapes.attachments import RETRO_PLATE
 
 import coopsim
 from coopsim.envs.simulated.record_episode import recorded_scenario
@@ -18,7 +19,6 @@ from coopsim.world.models.model import BRIGHTEST, Model
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import PlayedWorld
 from coopsim.world.scenario import make_scenario
-from coopsim.world.shapes.attachments import RETRO_PLATE
 from coopsim.world.traffic.fleet import PARKED
 from coopsim.world.world import World
 

@@ -14,12 +14,13 @@ from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.drawn_places import choose_scenarios
 from coopsim.world.furniture.free_ground import GROUND, are_free, lanes_of, lines_of, make_obstacles
 from coopsim.world.furniture.furnish import area_of
+from coopsim.world.models.built_in import built_in_models
 from coopsim.world.scenario import Scenario
-from coopsim.world.shapes.people_at_rest import SITTING, STANDING
 from coopsim.world.snapshot import Actors
 from coopsim.world.surroundings.street import as_street
 from coopsim.world.world import BYSTANDER_ID, World
 
+STANDING, SITTING = (frozenset(each.name for each in built_in_models(group)) for group in ("standing", "sitting"))
 TOWN = 100_002  # with bays, driveways, and roads of several lanes
 
 

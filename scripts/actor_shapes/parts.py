@@ -11,16 +11,16 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
+from actor_shapes.surfaces import (
+    RIM,
+    TYRE,
+    Surface,
+)
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.model import Model
-from coopsim.world.models.surfaces import (
-    RIM,
-    TYRE,
-    Surface,
-)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """Seeds of episodes."""
 
 from coopsim.envs.vector.environments import Transition
-from coopsim.envs.vector.stepper import Episodes
+from coopsim.envs.vector.episodes import Episodes
 
 BEGUN = Transition(None, 0.0, False, False, {}, over=False)
 

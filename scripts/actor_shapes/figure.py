@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from actor_shapes.parts import Part, block, loft, tube
+from actor_shapes.surfaces import RGB, Surface
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
-from coopsim.world.models.surfaces import RGB, Surface
-from coopsim.world.shapes.parts import Part, block, loft, tube
 
 THIGH, SHANK, ANKLE_HEIGHT = 0.245, 0.246, 0.039
 UPPER_ARM, FOREARM_AND_HALF_HAND = 0.186, 0.20

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from actor_shapes.parts import Part, across, block, loft, tube
+from actor_shapes.surfaces import ACCENT, GLASS, METAL, PAINT, PLASTIC, TYRE, Surface
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
-from coopsim.world.models.surfaces import ACCENT, GLASS, METAL, PAINT, PLASTIC, TYRE, Surface
-from coopsim.world.shapes.parts import Part, across, block, loft, tube
 
 if TYPE_CHECKING:
-    from coopsim.world.shapes.cars import Shape
+    from actor_shapes.cars import Shape
 
 RETRO_PLATE = Surface(0.0, 220.0, (234, 234, 226))
 DIRTY_PLATE = Surface(0.0, 30.0, (150, 140, 120))

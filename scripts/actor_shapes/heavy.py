@@ -20,11 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.models.model import Model
-from coopsim.world.models.surfaces import ACCENT, GLASS, HEADLIGHT, METAL, PAINT, PLASTIC, TAILLIGHT, Surface
-from coopsim.world.shapes.attachments import DIRTY_PLATE, RETRO_PLATE, TARPAULIN, WOOD, plate
-from coopsim.world.shapes.parts import (
+from actor_shapes.attachments import DIRTY_PLATE, RETRO_PLATE, TARPAULIN, WOOD, plate
+from actor_shapes.parts import (
     FRONT,
     LEFT,
     REAR,
@@ -39,6 +36,9 @@ from coopsim.world.shapes.parts import (
     tube,
     wheel,
 )
+from actor_shapes.surfaces import ACCENT, GLASS, HEADLIGHT, METAL, PAINT, PLASTIC, TAILLIGHT, Surface
+from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.models.model import Model
 
 Size = tuple[float, float, float]
 

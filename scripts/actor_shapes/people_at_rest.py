@@ -9,10 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.models.model import Model
-from coopsim.world.models.surfaces import Surface
-from coopsim.world.shapes.figure import (
+from actor_shapes.figure import (
     ANKLE_HEIGHT,
     HALF_HIPS,
     HALF_SHOULDERS,
@@ -26,8 +23,8 @@ from coopsim.world.shapes.figure import (
     on_the_ground,
     seated,
 )
-from coopsim.world.shapes.parts import Part, assemble
-from coopsim.world.shapes.pedestrians import (
+from actor_shapes.parts import Part, assemble
+from actor_shapes.pedestrians import (
     VEST,
     Belonging,
     dog,
@@ -37,6 +34,9 @@ from coopsim.world.shapes.pedestrians import (
     shopping_bags,
     umbrella,
 )
+from actor_shapes.surfaces import Surface
+from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.models.model import Model
 
 SEAT_M = 0.46
 """Height of benches and of chairs."""
@@ -93,14 +93,15 @@ _SITTING: tuple[tuple[str, ObjectClass, float, float, float, Appearance], ...] =
 )
 # fmt: on
 
-STANDING, SITTING = (frozenset(row[0] for row in rows) for rows in (_STANDING, _SITTING))
-"""Names of the models."""
+
+def make_standing_people() -> list[Model]:
+    """Build people who stand."""
+    return [_stander(*row) for row in _STANDING]
 
 
-def make_people_at_rest() -> list[Model]:
-    """Build people who stand, then people who sit."""
-    standing = [_stander(*row) for row in _STANDING]
-    return [*standing, *(_sitter(*row) for row in _SITTING)]
+def make_sitting_people() -> list[Model]:
+    """Build people who sit."""
+    return [_sitter(*row) for row in _SITTING]
 
 
 def _stander(

@@ -17,11 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.models.model import Model
-from coopsim.world.models.paint import DUST
-from coopsim.world.models.surfaces import ACCENT, GLASS, HEADLIGHT, PAINT, PLASTIC, TAILLIGHT, Surface
-from coopsim.world.shapes.attachments import (
+from actor_shapes.attachments import (
     DIRTY_PLATE,
     INSIDE,
     RETRO_PLATE,
@@ -39,7 +35,11 @@ from coopsim.world.shapes.attachments import (
     rear_bicycle,
     roof_box,
 )
-from coopsim.world.shapes.parts import Dress, Part, across, assemble, block, loft, mirrored, wheel
+from actor_shapes.parts import Dress, Part, across, assemble, block, loft, mirrored, wheel
+from actor_shapes.surfaces import ACCENT, GLASS, HEADLIGHT, PAINT, PLASTIC, TAILLIGHT, Surface
+from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.models.model import Model
+from coopsim.world.models.paint import DUST
 
 LEVELS = 3  # sill, belt, top
 LOWER, UPPER, TOP = 0, 1, 2

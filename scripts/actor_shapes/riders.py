@@ -13,15 +13,15 @@ from itertools import chain
 
 import numpy as np
 
+from actor_shapes.attachments import WOOD, hoop, plate
+from actor_shapes.figure import JEANS, LEATHER, Appearance, dressed, seated
+from actor_shapes.parts import Part, across, assemble, block, loft, tube, wheel
+from actor_shapes.pedestrians import BABY, BAND, VEST
+from actor_shapes.surfaces import ACCENT, GLASS, HEADLIGHT, METAL, PAINT, PLASTIC, RGB, TAILLIGHT, Surface
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.model import Model
-from coopsim.world.models.surfaces import ACCENT, GLASS, HEADLIGHT, METAL, PAINT, PLASTIC, RGB, TAILLIGHT, Surface
-from coopsim.world.shapes.attachments import WOOD, hoop, plate
-from coopsim.world.shapes.figure import JEANS, LEATHER, Appearance, dressed, seated
-from coopsim.world.shapes.parts import Part, across, assemble, block, loft, tube, wheel
-from coopsim.world.shapes.pedestrians import BABY, BAND, VEST
 
 PEDAL_POSES = 8
 DEVELOPMENT_M = 5.0

@@ -17,13 +17,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from coopsim.geometry import exact
-from coopsim.geometry.se3 import Floats
-from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.models.model import Model
-from coopsim.world.models.surfaces import METAL, PLASTIC, RGB, TYRE, Surface
-from coopsim.world.shapes.attachments import WOOD
-from coopsim.world.shapes.figure import (
+from actor_shapes.attachments import WOOD
+from actor_shapes.figure import (
     ANKLE_HEIGHT,
     BOTTOM,
     FOREARM_AND_HALF_HAND,
@@ -42,7 +37,12 @@ from coopsim.world.shapes.figure import (
     on_the_ground,
     seated,
 )
-from coopsim.world.shapes.parts import Part, assemble, block, level, loft, tube, wheel
+from actor_shapes.parts import Part, assemble, block, level, loft, tube, wheel
+from actor_shapes.surfaces import METAL, PLASTIC, RGB, TYRE, Surface
+from coopsim.geometry import exact
+from coopsim.geometry.se3 import Floats
+from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.models.model import Model
 
 POSES = 8
 """Number of poses in a cycle of two steps."""
