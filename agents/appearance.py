@@ -11,7 +11,7 @@ import numpy as np
 
 from coopsim.agents.boxes import PooledBoxes
 from coopsim.agents.policy import Needs
-from coopsim.catalog import POLICIES
+from coopsim.agents.tracking_policy import policy_row
 from coopsim.comms.uplinks.share_detections import EmbedOnce, ShareEmbedded
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.geometry.assignment import Assigner, greedy, hungarian
@@ -54,8 +54,7 @@ class DescribedBoxes(PooledBoxes):
         return observation.detections if self._embed is None else self._embed(observation, self.specs[agent])
 
 
-@POLICIES.register("yoloo_geometry")
-@dataclass(kw_only=True, eq=False)
+@policy_row("yoloo_geometry")
 class YolooGeometry(PooledBoxes):
     """Greedy matching by YOLOO's flexible geometric constraint (Gu et al., "YOLOO: You Only Learn from Others Once",
     eq. 8-9): no pair farther apart than the smaller box's diagonal, and no gate to tune.
@@ -80,8 +79,7 @@ _WITH_EMBEDDINGS, _WITHOUT = "pairs compared by looks and geometry", "pairs comp
 """Names of what is counted."""
 
 
-@POLICIES.register("yoloo")
-@dataclass(kw_only=True, eq=False)
+@policy_row("yoloo")
 class Yoloo(DescribedBoxes, YolooGeometry):
     """Greedy matching by the sum of two costs, of appearance and distance (eq. 9). The paper tracks for one agent; here
     all agents' boxes are pooled.
@@ -140,8 +138,7 @@ def reid_in_words(embedder: str | None) -> str:
     return "without Re-ID" if embedder is None else f"Re-ID by {embedder}"
 
 
-@POLICIES.register("dino_codt_tracking")
-@dataclass(kw_only=True, eq=False)
+@policy_row("dino_codt_tracking")
 class DinoCoDTTracking(DescribedBoxes):
     """Tracking of DINO-CoDT (He et al., 2025, sec. III-F to III-H): rules by class, re-identification, age by speed.
 

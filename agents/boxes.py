@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from coopsim.agents.policy import Needs
-from coopsim.agents.tracking_policy import TrackingPolicy
-from coopsim.catalog import POLICIES
+from coopsim.agents.tracking_policy import TrackingPolicy, policy_row
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.fusion.pooling import MERGES, merge_duplicates, merge_matched, pool
 from coopsim.support.checks import (
@@ -45,8 +44,7 @@ class AB3DMOTTracking(TrackingPolicy):
         return ab3dmot(self.gate, self.hits, self.age)
 
 
-@POLICIES.register("no_fusion", alias="ab3dmot")
-@dataclass(kw_only=True, eq=False)
+@policy_row("no_fusion", alias="ab3dmot")
 class NoFusion(AB3DMOTTracking):
     """AB3DMOT on the agent's own detections, without messages: the lower bound that cooperation has to beat."""
 
@@ -54,8 +52,7 @@ class NoFusion(AB3DMOTTracking):
     method = "AB3DMOT (Weng et al., 2020) on the agent's own boxes"
 
 
-@POLICIES.register("sequential_kf")
-@dataclass(kw_only=True, eq=False)
+@policy_row("sequential_kf")
 class SequentialKF(AB3DMOTTracking):
     """Multi-sensor Kalman filter: the receiver's boxes update the tracks first, then each sender's in turn.
 
@@ -66,8 +63,7 @@ class SequentialKF(AB3DMOTTracking):
     method = "the multi-sensor Kalman filter that DMSTrack (Chiu et al., 2024) starts from, with fixed noise"
 
 
-@POLICIES.register("dmstrack")
-@dataclass(kw_only=True, eq=False)
+@policy_row("dmstrack")
 class DMSTrack(AB3DMOTTracking):
     """`sequential_kf` with a learned covariance of each box (Chiu et al., "Probabilistic 3D Multi-Object Cooperative
     Tracking for Autonomous Driving via Differentiable Multi-Sensor Kalman Filter", ICRA 2024), positional variant.
@@ -121,8 +117,7 @@ class PooledBoxes(TrackingPolicy):
         return [merge_duplicates(pool(groups), self.merge_iou, self.merge)]
 
 
-@POLICIES.register("late_fusion")
-@dataclass(kw_only=True, eq=False)
+@policy_row("late_fusion")
 class LateFusion(PooledBoxes, AB3DMOTTracking):
     """AB3DMOT on the boxes of all agents, duplicates merged. Parameters: `PooledBoxes`, `AB3DMOTTracking`.
 
@@ -133,8 +128,7 @@ class LateFusion(PooledBoxes, AB3DMOTTracking):
     method = "AB3DMOT (Weng et al., 2020) on the boxes of all agents"
 
 
-@POLICIES.register("hungarian")
-@dataclass(kw_only=True, eq=False)
+@policy_row("hungarian")
 class HungarianFusion(AB3DMOTTracking):
     """AB3DMOT on the boxes of all agents, matched pair by pair of agents and merged. Parameters: `AB3DMOTTracking`.
 
@@ -157,8 +151,7 @@ class HungarianFusion(AB3DMOTTracking):
         return [merge_matched(groups, self.match_iou)]
 
 
-@POLICIES.register("vic_fscm_association")
-@dataclass(kw_only=True, eq=False)
+@policy_row("vic_fscm_association")
 class VicFSCMAssociation(PooledBoxes):
     """Association by XIOU in four stages, FSCM (Hu, Wang and Wang, eq. 19-27): sure tracks and detections first.
 

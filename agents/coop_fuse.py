@@ -7,8 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from coopsim.agents.tracking_policy import TrackingPolicy
-from coopsim.catalog import POLICIES
+from coopsim.agents.tracking_policy import TrackingPolicy, policy_row
 from coopsim.fusion.box_fusion import trust_likelier
 from coopsim.fusion.fused_boxes import Calibration, SourceOdds
 from coopsim.geometry.assignment import hungarian
@@ -95,8 +94,7 @@ places whenever the boxes do: then each has the score of both.
 """
 
 
-@POLICIES.register("coop_fuse")
-@dataclass(kw_only=True, eq=False)
+@policy_row("coop_fuse")
 class CoopFuse(TrackingPolicy):
     """AB3DMOT on fused boxes, which weigh by their likelihood; a track's score is its probability to be on an object.
 

@@ -7,14 +7,13 @@ Cooper (Chen et al., "Cooper: Cooperative Perception for Connected Autonomous Ve
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from coopsim.agents.perceiving_policy import PerceivingPolicy, Received
 from coopsim.agents.policy import Needs
-from coopsim.catalog import POLICIES
+from coopsim.agents.tracking_policy import policy_row
 from coopsim.comms.envelope import decode_points
 from coopsim.comms.uplinks.share_points import SharePoints
 from coopsim.comms.uplinks.uplink import Uplink
@@ -37,8 +36,7 @@ _NEEDS = {
 """Requirements on the agents, by `sensors`."""
 
 
-@POLICIES.register("early", alias="concat")
-@dataclass(kw_only=True, eq=False)
+@policy_row("early", alias="concat")
 class EarlyFusion(PerceivingPolicy):
     """The points of all agents, found in by one network. Further parameters: `PerceivingPolicy`.
 

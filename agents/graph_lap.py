@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from coopsim.agents.boxes import AB3DMOTTracking
-from coopsim.catalog import POLICIES
+from coopsim.agents.tracking_policy import policy_row
 from coopsim.fusion.laplacian import anchors_aos, anchors_tsa, group, nearest_graph, refine, refine_sparse
 from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.boxes import Boxes3D
@@ -81,8 +81,7 @@ class GraphLap(AB3DMOTTracking):
         return moved[np.unique(object_of, return_index=True)[1]] if self._one else moved
 
 
-@POLICIES.register("graph_lap_aos")
-@dataclass(kw_only=True, eq=False)
+@policy_row("graph_lap_aos")
 class GraphLapAOS(GraphLap):
     """All in one stage: a box is anchored at the mean of its partners (eq. 11). Parameters: `GraphLap`."""
 
@@ -93,8 +92,7 @@ class GraphLapAOS(GraphLap):
         return [self._refined(pooled, anchors_aos(pooled.boxes.center, object_of), object_of)]
 
 
-@POLICIES.register("graph_lap_tsa")
-@dataclass(kw_only=True, eq=False)
+@policy_row("graph_lap_tsa")
 class GraphLapTSA(GraphLap):
     """A stage per agent, anchored at that agent's boxes (eq. 12-13): the senders' first, then the receiver's.
 

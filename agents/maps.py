@@ -1,4 +1,4 @@
-"""Policies on maps of features: a class for each published fusion. The network itself is in `coopsim.nn.fusion`.
+"""Policies on maps of features: a row for each published fusion. The network itself is in `coopsim.nn.fusion`.
 
 All of them differ from their papers in this: points are encoded in the sender's frame, so that one broadcast serves all
 receivers, few channels are sent, and each cell's age is given to the layer that expands it.
@@ -9,13 +9,13 @@ A method of your own is a class of the same few lines, with the name of your wei
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from coopsim.agents.appearance import reid_in_words
 from coopsim.agents.learned_fusion import LearnedFusion
 from coopsim.agents.perceiving_policy import Received, base_SE3_compass
-from coopsim.catalog import POLICIES
+from coopsim.agents.tracking_policy import policy_row
 from coopsim.support.checks import require_flag
 from coopsim.types import Detections, Observation
 
@@ -25,17 +25,14 @@ if TYPE_CHECKING:
     from coopsim.nn.cooperative.flow_sender import FlowSender
 
 
-@POLICIES.register("fcooper")
-@dataclass(kw_only=True, eq=False)
+@policy_row("fcooper", weights="fcooper")
 class FCooperFusion(LearnedFusion):
     """Maximum over agents (Chen et al., "F-Cooper", SEC 2019, section 3.3). Parameters: `LearnedFusion`."""
 
     method = "F-Cooper's spatial fusion (Chen et al., 2019); not its fusion of voxels"
-    weights: str = "fcooper"
 
 
-@POLICIES.register("attfuse")
-@dataclass(kw_only=True, eq=False)
+@policy_row("attfuse", weights="attfuse")
 class AttFusion(LearnedFusion):
     """Attention of the receiver over the agents of a cell (Xu et al., "OPV2V", ICRA 2022). Parameters: `LearnedFusion`.
 
@@ -43,31 +40,25 @@ class AttFusion(LearnedFusion):
     """
 
     method = "AttFuse's fusion (Xu et al., ICRA 2022) behind coopsim's encoder"
-    weights: str = "attfuse"
 
 
-@POLICIES.register("v2vnet")
-@dataclass(kw_only=True, eq=False)
+@policy_row("v2vnet", weights="v2vnet")
 class V2VNetFusion(LearnedFusion):
     """Graph network with a convolutional GRU (Wang et al., "V2VNet", ECCV 2020). Parameters: `LearnedFusion`."""
 
     method = "V2VNet's fusion (Wang et al., 2020); not its prediction of motion"
-    weights: str = "v2vnet"
 
 
-@POLICIES.register("disconet")
-@dataclass(kw_only=True, eq=False)
+@policy_row("disconet", weights="disconet")
 class DiscoNetFusion(LearnedFusion):
     """Weight of each pair of agents in each cell, taught by a network that sees all points (Li et al., "Learning
     Distilled Collaboration Graph for Multi-Agent Perception", NeurIPS 2021). Parameters: `LearnedFusion`.
     """
 
     method = "DiscoNet (Li et al., 2021), fusion and teacher"
-    weights: str = "disconet"
 
 
-@POLICIES.register("v2x_vit")
-@dataclass(kw_only=True, eq=False)
+@policy_row("v2x_vit", weights="v2x_vit")
 class V2XViTFusion(LearnedFusion):
     """Transformer over kinds of agents, delays and windows (Xu et al., "V2X-ViT", ECCV 2022).
 
@@ -75,20 +66,16 @@ class V2XViTFusion(LearnedFusion):
     """
 
     method = "V2X-ViT's fusion (Xu et al., ECCV 2022) behind coopsim's encoder"
-    weights: str = "v2x_vit"
 
 
-@POLICIES.register("cobevt")
-@dataclass(kw_only=True, eq=False)
+@policy_row("cobevt", weights="cobevt")
 class CoBEVTFusion(LearnedFusion):
     """Fused axial attention over agents and space (Xu et al., "CoBEVT", CoRL 2022). Parameters: `LearnedFusion`."""
 
     method = "CoBEVT's fusion (Xu et al., CoRL 2022) of maps of points; not its cameras"
-    weights: str = "cobevt"
 
 
-@POLICIES.register("where2comm")
-@dataclass(kw_only=True, eq=False)
+@policy_row("where2comm", weights="where2comm")
 class Where2commFusion(LearnedFusion):
     """Cells by confidence and request, fused by attention (Hu et al., "Where2comm", NeurIPS 2022).
 
@@ -101,22 +88,17 @@ class Where2commFusion(LearnedFusion):
     codec = "sparse_features(most_cells=600, number=int8)"
     request_block = 8
 
-    weights: str = "where2comm"
 
-
-@POLICIES.register("pyramid")
-@dataclass(kw_only=True, eq=False)
+@policy_row("pyramid", weights="pyramid")
 class PyramidFusion(LearnedFusion):
     """Several scales, weighted by each agent's foreground (Lu et al., "An Extensible Framework for Open Heterogeneous
     Collaborative Perception", HEAL, ICLR 2024). Parameters: `LearnedFusion`.
     """
 
     method = "HEAL's pyramid fusion (Lu et al., 2024); not its encoders of many kinds"
-    weights: str = "pyramid"
 
 
-@POLICIES.register("gsaf")
-@dataclass(kw_only=True, eq=False)
+@policy_row("gsaf", weights="gsaf")
 class GSAFFusion(LearnedFusion):
     """Global spatial attention fusion: windows of several sizes, then a weight for each agent and cell (He et al.,
     "DINO-CoDT: Multi-class Collaborative Detection and Tracking with Vision Foundation Models", 2025).
@@ -125,11 +107,9 @@ class GSAFFusion(LearnedFusion):
     """
 
     method = "DINO-CoDT (He et al., 2025), its fusion of maps alone"
-    weights: str = "gsaf"
 
 
-@POLICIES.register("dino_codt")
-@dataclass(kw_only=True, eq=False)
+@policy_row("dino_codt")
 class DinoCoDT(GSAFFusion):
     """Fusion by `gsaf`, tracking by `dino_codt_tracking`: DINO-CoDT as a whole. Further parameters: `LearnedFusion`.
 
@@ -166,8 +146,7 @@ class DinoCoDT(GSAFFusion):
         return replace(found, embedding=self._embedder.apply(seen, observation.view(self.specs[agent])).embedding)
 
 
-@POLICIES.register("ff_tracking")
-@dataclass(kw_only=True, eq=False)
+@policy_row("ff_tracking")
 class FFTrackingFusion(LearnedFusion):
     """Feature flow: late maps are moved to now before they are fused (Hu, Wang and Wang, "Integrated Detection and
     Tracking Framework for 3D Multi-Object Tracking in Vehicle-Infrastructure Cooperation", eq. 5-11).

@@ -101,12 +101,13 @@ class PerceivingPolicy(TrackingPolicy):
         # Both are remembered beside what they gave, so they must stay the same objects.
         self._decode, self._decode_boxes = WeakMethod(self.decode), WeakMethod(self._claimed)
         super().__post_init__()
+
+    def _load(self) -> None:
         import coopsim.nn  # noqa: F401  (says how to install torch, where it is not)
         from coopsim.nn.inference.backend import find_backend
 
         self._backend = find_backend(self.device, self.threads)
         self.load()
-        self.defend(self.defense)  # once more, as the networks decide what is needed
 
     @abstractmethod
     def load(self) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from coopsim.agents.perceiving_policy import FrameChain, PerceivingPolicy, Received, base_SE3_compass
 from coopsim.agents.policy import Needs
-from coopsim.catalog import POLICIES
+from coopsim.agents.tracking_policy import policy_row
 from coopsim.comms.envelope import decode_queries
 from coopsim.comms.uplinks.once_per_frame import EncodeOnce, StepOnce
 from coopsim.comms.uplinks.share_features import ShareInstances
@@ -143,6 +143,8 @@ class QueryPolicy(PerceivingPolicy):
         return detections_of(content)
 
     def _follow(self, agent: str, observation: Observation, found: Detections) -> Tracks:
+        from coopsim.nn.queries.perceiver import tracks_of
+
         if self.tracker != BY_QUERIES:
             return super()._follow(agent, observation, found)
         state, chain, now_ns = self._states[agent], self._chains[agent], observation.time_ns
@@ -150,17 +152,12 @@ class QueryPolicy(PerceivingPolicy):
         if chain.now is not None:
             known = chain.now.instances
         if chain.now is not None and not observation.sensed:
-            known = self._perceiver.carried(chain.now, now_ns, self.odom_SE3_compass(agent, observation))
+            known = chain.now.at(now_ns, self.odom_SE3_compass(agent, observation))
             placed = self._reported(known, self._region(observation)).transform(to_base)
             found = self._less_itself(agent, now_ns, [], placed)
         own = drop_unreportable(found)
         state.fused = [replace(own, embedding=None).transform(state.frame.odom_SE3_base)]
-        if own.embedding is None:
-            return Tracks.empty()
-        sure = own[own.score >= self.least_reported]
-        rows = np.asarray(sure.embedding)[:, 0].astype(np.int64)
-        velocity = to_base.rotate_planar(known.velocity.double().numpy(force=True)[rows])
-        return Tracks(known.number.numpy(force=True)[rows], sure.boxes, velocity, sure.score, sure.label)
+        return tracks_of(known, own[own.score >= self.least_reported], to_base)
 
     def _reported(self, known: Instances, region: BevGrid) -> Detections:
         """Return the instances in a region as detections, each with its row as the one number of its embedding.
@@ -218,8 +215,7 @@ class QueryPolicy(PerceivingPolicy):
         return dict(zip(views, self._perceiver.see(frames), strict=True))
 
 
-@POLICIES.register("cooptrack")
-@dataclass(kw_only=True, eq=False)
+@policy_row("cooptrack", weights="cooptrack")
 class CoopTrack(QueryPolicy):
     """Instances fused after decoding: aligned in two ways, matched by a graph, aggregated (Zhong et al., "CoopTrack:
     Exploring End-to-End Learning for Efficient Cooperative Sequential Perception", ICCV 2025).
@@ -231,11 +227,8 @@ class CoopTrack(QueryPolicy):
     method = "CoopTrack (Zhong et al., ICCV 2025), on LiDARs, for any number of agents"
     fusion: ClassVar[str] = "cooptrack"
 
-    weights: str = "cooptrack"
 
-
-@POLICIES.register("univ2x")
-@dataclass(kw_only=True, eq=False)
+@policy_row("univ2x", weights="univ2x")
 class UniV2X(QueryPolicy):
     """Queries fused before decoding: matched by distance within the box's size, and added (Yu et al., "End-to-End
     Autonomous Driving through V2X Cooperation", AAAI 2025). Parameters: `QueryPolicy`.
@@ -246,5 +239,3 @@ class UniV2X(QueryPolicy):
 
     method = "UniV2X's fusion of agents (Yu et al., AAAI 2025), on CoopTrack's network of one agent"
     fusion: ClassVar[str] = "univ2x"
-
-    weights: str = "univ2x"

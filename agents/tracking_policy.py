@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import compress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar, dataclass_transform
 
 import numpy as np
 
 from coopsim.agents.policy import Policy
+from coopsim.catalog import POLICIES
 from coopsim.comms.envelope import decode_detections
 from coopsim.comms.uplinks.share_detections import ShareDetections
 from coopsim.comms.uplinks.uplink import Uplink
@@ -86,8 +87,12 @@ class TrackingPolicy(Policy):
         DELAYED.get(self.delayed)
         self._covariance = None if self.covariance is None else COVARIANCES.get("weights")(self.covariance)
         self._states: dict[str, _AgentState] = {}
+        self._load()
         self.defend(self.defense)
         self.make_tracker()  # so that a wrong setting is refused here, not at the first episode
+
+    def _load(self) -> None:
+        """Make the networks of a policy that has any; they decide what it needs."""
 
     @abstractmethod
     def make_tracker(self) -> Tracker | TrackersByClass:
@@ -154,6 +159,27 @@ class TrackingPolicy(Policy):
         require_choice("agent", agent, self._states)
         state = self._states[agent]
         return Detections.concatenate(state.fused).transform(state.frame.odom_SE3_base.inverse())
+
+
+P = TypeVar("P", bound=TrackingPolicy)
+
+
+@dataclass_transform(kw_only_default=True, eq_default=False)
+def policy_row(name: str, *, alias: str | None = None, weights: str | None = None) -> Callable[[type[P]], type[P]]:
+    """Return a decorator that makes a class a keyword-only dataclass, and the policy called `name`.
+
+    A class that differs from its base in nothing but its `method` and, maybe, its default `weights`, is a row of these.
+    """
+
+    def register(kind: type[P]) -> type[P]:
+        if weights is not None:
+            kind.__annotations__ = {**kind.__annotations__, "weights": "str"}
+            setattr(kind, "weights", weights)  # noqa: B010  (not every policy has weights)
+        made = dataclass(kw_only=True, eq=False)(kind)
+        POLICIES.register(name, alias=alias)(made)
+        return made
+
+    return register
 
 
 def _decode_reportable(message: Message) -> Detections:

@@ -6,14 +6,14 @@ before; a branch that detects, and one that finds the last frame's objects again
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from coopsim.agents.learned_fusion import LearnedFusion
 from coopsim.agents.perceiving_policy import FrameChain, Received, base_SE3_compass
-from coopsim.catalog import POLICIES
+from coopsim.agents.tracking_policy import policy_row
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import require_choice, require_count, require_finite_number, require_probability
 from coopsim.tracking.cascade import AFFINITIES, Cascade, Stage, four_stages
@@ -30,8 +30,7 @@ INTEGRATED = "integrated"
 """The tracker for which the prediction branch says where tracks are."""
 
 
-@POLICIES.register("vic_integrated")
-@dataclass(kw_only=True, eq=False)
+@policy_row("vic_integrated")
 class VicIntegrated(LearnedFusion):
     """Detection and tracking by one network on fused maps. Further parameters: `LearnedFusion`.
 
@@ -110,7 +109,7 @@ class VicIntegrated(LearnedFusion):
 
     def _reported(self, agent: str, observation: Observation, memory: IntegratedState, rules: TrackRules) -> Tracks:
         """Return the tracks that are reported, in the base frame; in a frame without sensors, moved on to it."""
-        from coopsim.nn.queries.perceiver import detections_of
+        from coopsim.nn.queries.perceiver import detections_of, tracks_of
 
         to_base = base_SE3_compass(observation)
         tracks = memory.at(observation.time_ns, self.odom_SE3_compass(agent, observation))
@@ -119,11 +118,7 @@ class VicIntegrated(LearnedFusion):
         numbered = replace(shown, embedding=rows[:, None].astype(np.float64)).transform(to_base)
         received = list(self._received[agent].values())
         own = drop_unreportable(self._less_itself(agent, observation.time_ns, received, numbered))
-        if own.embedding is None:
-            return Tracks.empty()
-        rows = own.embedding[:, 0].astype(np.int64)
-        velocity = to_base.rotate_planar(tracks.velocity.double().numpy(force=True)[rows])
-        return Tracks(tracks.number.numpy(force=True)[rows], own.boxes, velocity, own.score, own.label)
+        return tracks_of(tracks, own, to_base)
 
     def _rules(self, most: int) -> TrackRules:
         from coopsim.geometry.assignment import hungarian

@@ -114,6 +114,10 @@ class ScenarioFileError(CoopsimError, ValueError):
     """A scenario file is missing or broken; the message names the file and, where known, the line."""
 
 
+class MapFileError(CoopsimError, ValueError):
+    """A map of another program is missing, broken, or of a format that is not read; names file, line and element."""
+
+
 class GridFileError(CoopsimError, ValueError):
     """A benchmark's grid file is missing or broken; the message names the file and, where known, the line."""
 
@@ -164,6 +168,10 @@ class MissingDependencyError(CoopsimError, ImportError):
 
 class CrowdedWarning(UserWarning):
     """There is no space for all requested actors; the message says how many there are instead."""
+
+
+class MapWarning(UserWarning):
+    """Something in a map was wrong, and was repaired; the message says what was made of it."""
 
 
 class RewardWarning(UserWarning):

@@ -20,6 +20,7 @@ from coopsim.cli.entry_commands import ENTRY
 from coopsim.cli.export_commands import CHECK_EXPORT, EXPORT, EXPORT_RESULTS
 from coopsim.cli.info_command import INFO
 from coopsim.cli.list_command import LIST
+from coopsim.cli.map_command import MAP
 from coopsim.cli.paste_command import PASTE
 from coopsim.cli.recordings_commands import LEADERBOARD, REPLAY
 from coopsim.cli.train_command import TRAIN
@@ -40,6 +41,7 @@ _COMMANDS = {
     "clip": CLIP,
     "record": RECORD,
     "town": TOWN,
+    "map": MAP,
     "export": EXPORT,
     "check-export": CHECK_EXPORT,
     "export-results": EXPORT_RESULTS,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -87,23 +87,20 @@ def _vehicles(agent: AgentFrame) -> tuple[Any, Sequence[int]]:
 
 def as_tensors(batch: Batch, device: str | torch.device = "cpu") -> Batch:
     """Return a batch with tensors for arrays, on a device; other values stay as they are."""
-    return {
-        name: as_tensors(value, device)
-        if isinstance(value, dict)
-        else torch.from_numpy(value).to(device)
-        if isinstance(value, np.ndarray)
-        else value
-        for name, value in batch.items()
-    }
+    return _changed(batch, lambda value: torch.from_numpy(value).to(device) if isinstance(value, np.ndarray) else value)
 
 
 def join(samples: Sequence[Batch]) -> Batch:
     """Join samples to a batch: the function `collate_fn` of a loader."""
-    return as_tensors(collate([_as_arrays(sample) for sample in samples]))
+    return as_tensors(collate([_changed(sample, _as_array) for sample in samples]))
 
 
-def _as_arrays(batch: Batch) -> Batch:
+def _as_array(value: Any) -> Any:
+    return value.numpy() if isinstance(value, torch.Tensor) else value
+
+
+def _changed(batch: Batch, change: Callable[[Any], Any]) -> Batch:
+    """Return a batch with changed values; those in inner mappings, too."""
     return {
-        name: _as_arrays(value) if isinstance(value, dict) else value.numpy() if hasattr(value, "numpy") else value
-        for name, value in batch.items()
+        name: _changed(value, change) if isinstance(value, dict) else change(value) for name, value in batch.items()
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from coopsim.learn.loop.validation import HeldOut
 from coopsim.learn.recipe import KINDS, TrainingRecipe, find_recipe
 from coopsim.learn.samples.batches_ahead import BatchesAhead
 from coopsim.learn.samples.sample_order import SampleOrder
-from coopsim.learn.tasks.training_task import TrainingTask
+from coopsim.learn.tasks.training_task import AnyTask
 from coopsim.learn.weights import SUFFIX, digest, save_weights
 from coopsim.nn.inference.backend import find_device
 from coopsim.support.files import locked, make_folder, write_whole
@@ -88,16 +88,17 @@ def train(
     return folder / f"{recipe.name}{SUFFIX}"
 
 
-def make_task(recipe: TrainingRecipe, seed: int) -> TrainingTask:
+def make_task(recipe: TrainingRecipe, seed: int) -> AnyTask:
     """Return the task of a recipe, with its network's first weights."""
     module, _, name = KINDS[recipe.kind].task.partition(".")
-    task: TrainingTask = getattr(importlib.import_module(f"coopsim.learn.tasks.{module}"), name)(recipe, seed)
+    task: AnyTask = getattr(importlib.import_module(f"coopsim.learn.tasks.{module}"), name)(recipe, seed)
     return task
 
 
+@contextmanager
 def _batches(
-    task: TrainingTask, recipe: TrainingRecipe, seed: int, source: ClipSource | None, cache: Path | None, workers: int
-) -> AbstractContextManager[SampleOrder | BatchesAhead]:
+    task: AnyTask, recipe: TrainingRecipe, seed: int, source: ClipSource | None, cache: Path | None, workers: int
+) -> Iterator[SampleOrder | BatchesAhead]:
     """Return the batches of a training, made by other processes as far as they can do it."""
     if source is None and "picture" in recipe.kind and not recipe.world.get("cameras"):
         raise InvalidValueError(
@@ -107,18 +108,13 @@ def _batches(
     own = source or task.source(seed)
     clips = own or clips_of_recipe(recipe, seed, cache)
     if own or not workers:
-        return nullcontext(_order(task, recipe, seed, clips))
-    if task.cuts_apart:
-        return BatchesAhead(RecipeOrder(recipe, seed, clips), recipe.block, workers)
-    return _clips_ahead(task, recipe, seed, clips, workers)
-
-
-@contextmanager
-def _clips_ahead(
-    task: TrainingTask, recipe: TrainingRecipe, seed: int, clips: ClipSource, workers: int
-) -> Iterator[SampleOrder]:
-    with ClipsAhead(clips, workers, recipe.block) as ahead:
-        yield _order(task, recipe, seed, ahead)
+        yield _order(task, recipe, seed, clips)
+    elif task.cuts_apart:
+        with BatchesAhead(RecipeOrder(recipe, seed, clips), recipe.block, workers) as batches:
+            yield batches
+    else:
+        with ClipsAhead(clips, workers, recipe.block) as ahead:
+            yield _order(task, recipe, seed, ahead)
 
 
 @dataclass(frozen=True)
@@ -134,12 +130,12 @@ class RecipeOrder:
         return _order(make_task(self.recipe, self.seed), self.recipe, self.seed, self.clips)
 
 
-def _order(task: TrainingTask, recipe: TrainingRecipe, seed: int, clips: ClipSource) -> SampleOrder:
+def _order(task: AnyTask, recipe: TrainingRecipe, seed: int, clips: ClipSource) -> SampleOrder:
     return SampleOrder(clips, task.cut, seed, recipe.batch, recipe.block, recipe.passes, task.collate)
 
 
 def _held_out(
-    task: TrainingTask, recipe: TrainingRecipe, source: ClipSource | None, cache: Path | None, device: torch.device
+    task: AnyTask, recipe: TrainingRecipe, source: ClipSource | None, cache: Path | None, device: torch.device
 ) -> HeldOut:
     """Return samples of held-out clips, which are made at their first use."""
     clips = held_out_clips(recipe, cache) if source is None else LaterClips(source)

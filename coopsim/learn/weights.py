@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -133,48 +133,41 @@ def load_network(
 
 def load_detector(name_or_path: str | Path = "pillars") -> DetectorNet:
     """Return the network of one agent with LiDARs; see `load_network`."""
-    net: DetectorNet = load_network("detector", name_or_path)
-    return net
+    return cast(DetectorNet, load_network("detector", name_or_path))
 
 
 def load_cooperative(
     name_or_path: str | Path, detector: DetectorNet | None = None, fusion: str | None = None
 ) -> CooperativeNet:
     """Return the network of cooperating agents; see `load_network`."""
-    net: CooperativeNet = load_network("cooperative", name_or_path, detector, fusion)
-    return net
+    return cast(CooperativeNet, load_network("cooperative", name_or_path, detector, fusion))
 
 
 def load_pictures(name_or_path: str | Path = "lift_splat", detector: DetectorNet | None = None) -> PictureDetectorNet:
     """Return the network of an agent with cameras; see `load_network`."""
-    net: PictureDetectorNet = load_network("pictures", name_or_path, detector)
-    return net
+    return cast(PictureDetectorNet, load_network("pictures", name_or_path, detector))
 
 
 def load_points_and_pictures(
     name_or_path: str | Path = "points_and_pictures", detector: DetectorNet | None = None
 ) -> PointsAndPicturesNet:
     """Return the network of an agent with LiDARs and cameras; see `load_network`."""
-    net: PointsAndPicturesNet = load_network("points_and_pictures", name_or_path, detector)
-    return net
+    return cast(PointsAndPicturesNet, load_network("points_and_pictures", name_or_path, detector))
 
 
 def load_covariance(name_or_path: str | Path = "dmstrack", detector: DetectorNet | None = None) -> CovarianceNet:
     """Return the network of boxes' covariances; see `load_network`. A network without features takes any detector."""
-    net: CovarianceNet = load_network("covariance", name_or_path, detector)
-    return net
+    return cast(CovarianceNet, load_network("covariance", name_or_path, detector))
 
 
 def load_point_identity(name_or_path: str | Path = "point_identity") -> PointIdentityNet:
     """Return the network of objects' identity by their points; see `load_network`."""
-    net: PointIdentityNet = load_network("point_identity", name_or_path)
-    return net
+    return cast(PointIdentityNet, load_network("point_identity", name_or_path))
 
 
 def load_picture_identity(name_or_path: str | Path = "picture_identity") -> PictureIdentityNet:
     """Return the network of objects' identity by their images; see `load_network`."""
-    net: PictureIdentityNet = load_network("picture_identity", name_or_path)
-    return net
+    return cast(PictureIdentityNet, load_network("picture_identity", name_or_path))
 
 
 def load_queries(name_or_path: str | Path, detector: DetectorNet, fusion: str | None = None) -> QueryNet:
@@ -195,14 +188,12 @@ def load_queries(name_or_path: str | Path, detector: DetectorNet, fusion: str | 
 
 def load_integrated(name_or_path: str | Path, detector: DetectorNet) -> IntegratedNet:
     """Return the network of integrated detection and tracking; see `load_network`."""
-    net: IntegratedNet = load_network("integrated", name_or_path, detector)
-    return net
+    return cast(IntegratedNet, load_network("integrated", name_or_path, detector))
 
 
 def load_ranking(name_or_path: str | Path) -> RankingNet:
     """Return the network that ranks an agent's detections; see `load_network`."""
-    net: RankingNet = load_network("ranking", name_or_path)
-    return net
+    return cast(RankingNet, load_network("ranking", name_or_path))
 
 
 def save_weights(path: Path, net: nn.Module, metadata: Mapping[str, Any]) -> None:

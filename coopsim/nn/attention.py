@@ -95,6 +95,11 @@ def feed_forward(width: int) -> nn.Sequential:
     return nn.Sequential(nn.LayerNorm(width), nn.Linear(width, width), nn.GELU(), nn.Linear(width, width))
 
 
+def normed_layers(*widths: int) -> list[nn.Module]:
+    """Return linear layers between these widths, each followed by a layer normalisation and a ReLU."""
+    return [layer for a, b in pairwise(widths) for layer in (nn.Linear(a, b), nn.LayerNorm(b), nn.ReLU())]
+
+
 _SHORTEST_S, _LONGEST_S, _WAVES = 0.2, 10.0, 8
 
 

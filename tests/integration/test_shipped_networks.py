@@ -16,10 +16,10 @@ from coopsim.learn.clips.simulated import SimulatedClips  # noqa: E402
 from coopsim.learn.clips.world_recipe import WorldRecipe  # noqa: E402
 from coopsim.learn.loop.validation import VEHICLES, precision_of  # noqa: E402
 from coopsim.learn.losses.fused_losses import fused_features  # noqa: E402
-from coopsim.learn.losses.head_losses import head_loss  # noqa: E402
+from coopsim.learn.losses.head_losses import head_loss, sum_of  # noqa: E402
 from coopsim.learn.samples.cloud_samples import SampleSettings  # noqa: E402
 from coopsim.learn.samples.fused_samples import scene_samples  # noqa: E402
-from coopsim.learn.tasks.cooperative_task import find_fused  # noqa: E402
+from coopsim.learn.tasks.cooperative_task import find_fused, sent_maps  # noqa: E402
 from coopsim.learn.weights import load_cooperative, load_detector  # noqa: E402
 
 PLAIN: dict[str, Any] = {"dropout": 0.0, "thinned": 0.0, "mirrored": 0.0, "late": 0.0}
@@ -61,16 +61,16 @@ def test_a_late_message_changes_the_result_and_does_less_harm_if_its_delay_is_to
     told, untold, changed = [], [], []
     for late, fresh in zip(samples(clips, late=1.0), samples(clips), strict=True):
         with torch.no_grad():
-            maps = [(each, *net.message(each)) for each in map(detector.encoder, (late.pillars, fresh.pillars))]
+            maps = [sent_maps(detector, net, each) for each in (late, fresh)]
             for view, same in zip(late.views, fresh.views, strict=True):
                 assert (view.delay_s == 0.3).all() and not same.delay_s.any()
                 silent = replace(view, delay_s=torch.zeros_like(view.delay_s))
                 now = replace(same, grid=view.grid)
                 fused = [
-                    fused_features(net, *values, sample.grid, seen)[0]
-                    for values, sample, seen in ((maps[0], late, view), (maps[0], late, silent), (maps[1], fresh, now))
+                    fused_features(net, sent, seen)[0]
+                    for sent, seen in ((maps[0], view), (maps[0], silent), (maps[1], now))
                 ]
-                losses = [float(head_loss(net.head, each, view.targets)["loss"]) for each in fused]
+                losses = [float(sum_of(head_loss(net.head, each, view.targets))) for each in fused]
                 told.append(losses[0])
                 untold.append(losses[1])
                 changed.append(float((fused[0] - fused[2]).abs().max()))

@@ -204,20 +204,18 @@ def test_a_second_training_in_the_folder_waits_for_the_first(tmp_path: Path) -> 
 def test_a_loss_that_is_no_number_stops_and_keeps_the_last_weights(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    loss, calls = detector_task.detector_loss, list[int]()
+    loss, calls = detector_task.head_loss, list[int]()
 
     def broken(*arguments: Any) -> dict[str, Any]:
         calls.append(1)
         values = loss(*arguments)
-        return (
-            values if len(calls) < 4 else {**values, "heat": values["heat"] * np.nan, "loss": values["loss"] * np.nan}
-        )
+        return values if len(calls) < 4 else {**values, "heat": values["heat"] * np.nan}
 
     monkeypatch.setattr(train_loop, "SAVE_EVERY_S", -1.0)
-    monkeypatch.setattr(detector_task, "detector_loss", broken)
+    monkeypatch.setattr(detector_task, "head_loss", broken)
     with pytest.raises(TrainingError, match=r"step 4: loss is nan, heat is nan.*weights of step 3 are kept in"):
         train(TINY, tmp_path, source=SyntheticClips())
-    monkeypatch.setattr(detector_task, "detector_loss", loss)
+    monkeypatch.setattr(detector_task, "head_loss", loss)
     steps = list[int]()
     train(TINY, tmp_path, source=SyntheticClips(), show=lambda progress: steps.append(progress.step))
     assert steps == [4, 5, 6, 7, 8, 9, 10]

@@ -16,7 +16,7 @@ from street_scene import spec_of  # noqa: E402
 from tiny_networks import TINY, make_it_see  # noqa: E402
 
 import coopsim  # noqa: E402
-from coopsim.learn.losses.fused_losses import fused_features  # noqa: E402
+from coopsim.learn.losses.fused_losses import SentMaps, fused_features  # noqa: E402
 from coopsim.learn.samples.cloud_samples import SampleSettings  # noqa: E402
 from coopsim.learn.samples.fused_samples import SceneDraft  # noqa: E402
 from coopsim.learn.samples.sample_frames import rotated  # noqa: E402
@@ -63,10 +63,10 @@ def trained_on(draft: Any, detector: Any, net: Any) -> tuple[Any, Any, Any]:
     sample = draft.sample()
     with torch.no_grad(), torch.autocast("cpu", torch.bfloat16, enabled=arithmetic() == "bfloat16"):
         features = detector.encoder(sample.pillars)
-        maps = (features, *net.message(features), sample.grid)
-        fused, _ = fused_features(net, *maps, sample.views[0])
+        maps = SentMaps(features, *net.message(features), sample.grid)
+        fused, _ = fused_features(net, maps, sample.views[0])
         astray = replace(sample.views[0], source_SE2_target=sample.views[0].source_SE2_target + np.array([1.2, 0, 0]))
-        moved, _ = fused_features(net, *maps, astray)
+        moved, _ = fused_features(net, maps, astray)
     return fused[0], sample.views[0].grid, ((fused - moved).abs() > 0.01 * fused.amax())[0]
 
 
@@ -94,7 +94,7 @@ def test_a_policy_fuses_what_its_network_was_trained_on(
     torch.set_num_threads(1)
     files = weights(tmp_path)
     settings = SampleSettings(noise_m=1.0, noise_deg=4.0, mirrored=0.0, thinned=0.0, dropout=0.0, late=0.0)
-    draft = SceneDraft(clip(3), 1, [0, 1, 2], np.random.default_rng(seed), settings, 0.6, 1)
+    draft = SceneDraft(clip(3), 1, [0, 1, 2], np.random.default_rng(seed), settings)
     expected, view, telling = trained_on(draft, load_detector(files[0]), load_cooperative(files[1]))
     found, region = used(draft, files, monkeypatch)
     x_m, y_m = draft.middles[0] - observation(draft, 0).pose.xyz_yaw[:2]  # of the sample's frame, seen from the agent

@@ -16,6 +16,7 @@ import threading
 import time
 import traceback
 import weakref
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, BinaryIO, Protocol, Self
@@ -66,7 +67,21 @@ class ClipMaker:
             first += stride
 
 
-class Workers:
+class Closing(ABC):
+    """Something that a `with` statement closes."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """End what is under way; may be called again."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+class Workers(Closing):
     """Worker processes, each of which makes its share of the numbers from one on.
 
     They end with this process, however that ends: they find no reader for what they make next. Close them, or use them
@@ -111,14 +126,8 @@ class Workers:
         """End the workers; may be called again."""
         _end_all(self._workers)
 
-    def __enter__(self) -> Self:
-        return self
 
-    def __exit__(self, *exception: object) -> None:
-        self.close()
-
-
-class ClipsAhead:
+class ClipsAhead(Closing):
     """Clips of a source, made ahead by worker processes for sequential access; close it as `Workers`.
 
     Args:
@@ -152,12 +161,6 @@ class ClipsAhead:
         """End the workers; may be called again."""
         self._workers.close()
         self._next = -1
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
 
 class _Worker:

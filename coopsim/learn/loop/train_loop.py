@@ -25,7 +25,7 @@ from coopsim.learn.losses.head_losses import sum_of
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.batches_ahead import BatchesAhead
 from coopsim.learn.samples.sample_order import Position, SampleOrder
-from coopsim.learn.tasks.training_task import LOSS, TrainingTask
+from coopsim.learn.tasks.training_task import LOSS, AnyTask
 from coopsim.nn.inference.backend import numbers_on, to_device
 
 SAVE_EVERY_S = 60.0
@@ -72,7 +72,7 @@ class TrainLoop:
         average: moving average of the weights: the training's result.
     """
 
-    task: TrainingTask
+    task: AnyTask
     recipe: TrainingRecipe
     order: SampleOrder | BatchesAhead
     device: torch.device

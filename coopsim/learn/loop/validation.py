@@ -17,7 +17,7 @@ from torch import nn
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.learn.clips.clip import ClipSource
 from coopsim.learn.samples.targets import Targets
-from coopsim.learn.tasks.training_task import FoundMap, TrainingTask
+from coopsim.learn.tasks.training_task import AnyTask, FoundMap
 from coopsim.metrics.average_precision import average_precision_of
 from coopsim.nn.detector.decode import GROUPS, cell_centers
 from coopsim.nn.detector.detector_net import decode_boxes
@@ -31,7 +31,7 @@ VEHICLES, _, PEOPLE = ([int(cls) for cls in group] for group in GROUPS)
 class HeldOut:
     """Held-out samples of some clips of a source, cut by the task once and then kept."""
 
-    def __init__(self, task: TrainingTask, source: ClipSource, clips: int, device: torch.device) -> None:
+    def __init__(self, task: AnyTask, source: ClipSource, clips: int, device: torch.device) -> None:
         self._task, self._source, self._clips, self._device = task, source, clips, device
         self._batches: list[Any] = []
 

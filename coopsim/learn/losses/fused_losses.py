@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from types import MappingProxyType
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -30,14 +31,31 @@ from coopsim.nn.fusion import Foreground, FusionContext, as_batch
 from coopsim.types import BevGrid
 
 
+class SentMaps(NamedTuple):
+    """What the agents of a sample know and send.
+
+    Attributes:
+        features: (A, features, H, W) maps of all clouds.
+        values: (A, C, H, W) messages of them.
+        sure: (A, H, W) confidences of the senders.
+        grid: cells of these maps.
+    """
+
+    features: Tensor
+    values: Tensor
+    sure: Tensor
+    grid: BevGrid
+
+
+class Teaching(NamedTuple):
+    """What teaches a fused map besides the labels: a detector of merged clouds, if any, and losses of users."""
+
+    teacher: DetectorNet | None = None
+    own: OwnLosses = MappingProxyType({})
+
+
 def cooperative_loss(
-    detector: DetectorNet,
-    net: CooperativeNet,
-    sample: CooperativeSample,
-    *,
-    frozen: bool = True,
-    teacher: DetectorNet | None = None,
-    own: OwnLosses = MappingProxyType({}),
+    detector: DetectorNet, net: CooperativeNet, sample: CooperativeSample, teaching: Teaching, *, frozen: bool = True
 ) -> dict[str, Tensor]:
     """Return the loss of a sample, the mean of its receivers: "loss", the weighted sum, and its parts.
 
@@ -45,46 +63,32 @@ def cooperative_loss(
         detector: the agents' own network, whose encoder makes the maps.
         net: the cooperative network.
         sample: the sample; its views have merged clouds where there is a teacher.
+        teaching: what teaches besides labels.
         frozen: no gradients reach the encoder.
-        teacher: detector of merged clouds, if any.
-        own: losses of users, of the fused maps.
     """
     with torch.set_grad_enabled(not frozen and torch.is_grad_enabled()):
         features = detector.encoder(sample.pillars)
-    values, sure = net.message(features)
-    parts = message_losses(net, features, values, sample)
-    parts |= views_losses(net, features, values, sure, sample, teacher, own)
+    maps = SentMaps(features, *net.message(features), sample.grid)
+    parts = message_losses(net, maps, sample) | views_losses(net, maps, sample, teaching)
     return {"loss": sum_of(parts), **parts}
 
 
-def message_losses(
-    net: CooperativeNet, features: Tensor, values: Tensor, sample: CooperativeSample
-) -> dict[str, Tensor]:
-    """Return the losses of messages by themselves, by name; arguments: see `fused_features`."""
+def message_losses(net: CooperativeNet, maps: SentMaps, sample: CooperativeSample) -> dict[str, Tensor]:
+    """Return the losses of messages by themselves, by name."""
+    seen, doubtful = (each.to(maps.features.device) for each in (sample.seen, sample.doubtful))
     return {
-        "sure": heat_loss(
-            net.sure(features).float(),
-            sample.seen.to(features.device),
-            sample.objects,
-            sample.doubtful.to(features.device),
-        ),
-        "copy": copy_loss(net, features.detach(), values),
+        "sure": heat_loss(net.sure(maps.features).float(), seen, sample.objects, doubtful),
+        "copy": copy_loss(net, maps.features.detach(), maps.values),
     }
 
 
 def views_losses(
-    net: CooperativeNet,
-    features: Tensor,
-    values: Tensor,
-    sure: Tensor,
-    sample: CooperativeSample,
-    teacher: DetectorNet | None = None,
-    own: OwnLosses = MappingProxyType({}),
+    net: CooperativeNet, maps: SentMaps, sample: CooperativeSample, teaching: Teaching
 ) -> dict[str, Tensor]:
-    """Return the losses of fused maps by name, means of all views; arguments: see `fused_features`."""
+    """Return the losses of fused maps by name, means of all views."""
     parts: dict[str, Tensor] = {}
     for view in sample.views:
-        for name, part in _view_losses(net, features, values, sure, sample.grid, view, teacher, own).items():
+        for name, part in _view_losses(net, maps, view, teaching).items():
             parts[name] = parts.get(name, torch.zeros_like(part)) + part / len(sample.views)
     return parts
 
@@ -103,19 +107,9 @@ def surest(sure: Tensor, most_cells: int) -> Tensor:
     return (flat >= least).view_as(sure)
 
 
-def fused_features(
-    net: CooperativeNet, features: Tensor, values: Tensor, sure: Tensor, grid: BevGrid, view: ReceiverView
-) -> tuple[Tensor, list[Foreground]]:
-    """Return the fused features (1, features, h, w) of a receiver in its view's grid, and the fusion's foreground.
-
-    Args:
-        net: the cooperative network.
-        features: (A, features, H, W) maps of all clouds.
-        values: (A, C, H, W) messages of them.
-        sure: (A, H, W) confidences of the senders.
-        grid: cells of these maps.
-        view: view of the receiver.
-    """
+def fused_features(net: CooperativeNet, maps: SentMaps, view: ReceiverView) -> tuple[Tensor, list[Foreground]]:
+    """Return the fused features (1, features, h, w) of a receiver in its view's grid, and the fusion's foreground."""
+    features, values, sure, grid = maps
     others = list(view.others)
     sent = surest(sure[others].detach(), view.most_cells) if view.most_cells is not None else None
     own, own_mask = warp(features[view.own : view.own + 1], grid, view.grid, [[0.0, 0.0, 0.0]])
@@ -132,24 +126,14 @@ def fused_features(
     return as_batch(fused), beliefs
 
 
-def _view_losses(
-    net: CooperativeNet,
-    features: Tensor,
-    values: Tensor,
-    sure: Tensor,
-    grid: BevGrid,
-    view: ReceiverView,
-    teacher: DetectorNet | None,
-    own: OwnLosses,
-) -> dict[str, Tensor]:
-    fused, levels = fused_features(net, features, values, sure, grid, view)
+def _view_losses(net: CooperativeNet, maps: SentMaps, view: ReceiverView, teaching: Teaching) -> dict[str, Tensor]:
+    fused, levels = fused_features(net, maps, view)
     targets = view.targets.to(fused.device)
-    parts = head_loss(net.head, fused, targets, own)
-    parts.pop("loss")
+    parts = head_loss(net.head, fused, targets, teaching.own)
     if levels:
         parts["foreground"] = foreground_loss(levels, targets.heat.amax(1, keepdim=True), targets.objects)
-    if teacher is not None and view.merged is not None:
-        parts["teacher"] = teacher_loss(teacher, view.merged, fused)
+    if teaching.teacher is not None and view.merged is not None:
+        parts["teacher"] = teacher_loss(teaching.teacher, view.merged, fused)
     return parts
 
 

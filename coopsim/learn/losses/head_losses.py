@@ -41,7 +41,7 @@ WEIGHTS = {
 def head_loss(
     head: CentreHead | JudgedHead, features: Tensor, targets: Targets, own: OwnLosses = MappingProxyType({})
 ) -> dict[str, Tensor]:
-    """Return the loss of a head on features (B, C, h, w): "loss", the weighted sum, and its parts by name.
+    """Return the parts of the loss of a head on features (B, C, h, w), by name.
 
     Parts of users, `own`, come last.
     """
@@ -50,8 +50,7 @@ def head_loss(
     parts |= code_losses(head.codes(at_cells(shared, targets.cell)), targets)
     if isinstance(head, JudgedHead):  # the velocity of its judge, if there is one, takes the place of the code's
         parts |= judge_losses(head, features, shared, logits, targets)
-    parts |= losses_of(own, head, features, targets)
-    return {"loss": sum_of(parts), **parts}
+    return parts | losses_of(own, head, features, targets)
 
 
 def heat_loss(logits: Tensor, heat: Tensor, objects: int, ignored: Tensor | None = None) -> Tensor:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Any, Protocol
 
-from coopsim.learn.clips.ahead import Failure, Workers
+from coopsim.learn.clips.ahead import Closing, Failure, Workers
 from coopsim.learn.samples.sample_order import Position, SampleOrder, joined_blocks
 from coopsim.support.checks import require_count
 
@@ -45,7 +45,7 @@ def _ends_block(made: Any) -> bool:
     return isinstance(made, Position)
 
 
-class BatchesAhead:
+class BatchesAhead(Closing):
     """The batches of an order, made ahead by worker processes: the same for any number of them.
 
     Use it in a `with` statement, to end the workers.
@@ -89,9 +89,3 @@ class BatchesAhead:
         """End the workers; may be called again."""
         if self._workers is not None:
             self._workers.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()

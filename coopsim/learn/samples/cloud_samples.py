@@ -14,8 +14,8 @@ from coopsim.learn.clips.clip import AgentScene, Clip, Scene
 from coopsim.learn.samples.sample_frames import boxes_in, joined, mirror, moved, noisy, sweeps_of, thin, tilt
 from coopsim.learn.samples.targets import Targets, join_targets, make_targets
 from coopsim.localization.odometry import Points
-from coopsim.nn.detector.encoder import STRIDE
-from coopsim.nn.detector.pillars import GroundSettings, PillarBatch, Pillars, PillarSettings, collate, pillarize
+from coopsim.nn.detector.encoder import STRIDE, EncoderConfig
+from coopsim.nn.detector.pillars import GroundSettings, PillarBatch, Pillars, collate, pillarize
 from coopsim.nn.inference.canvas import REACH_M
 from coopsim.recordings.recorded_scene import count_points_in
 from coopsim.support.checks import require_between, require_count, require_positive, require_probability
@@ -96,24 +96,23 @@ class DetectorBatch:
     targets: Targets
 
 
+USUAL = EncoderConfig()
+"""Options of an encoder, of which samples need the pillars and the sweeps (see `sweeps_of`)."""
+
+
 def detector_samples(
-    clip: Clip,
-    rng: np.random.Generator,
-    settings: SampleSettings,
-    cell_m: float = 0.6,
-    sweeps: int = 1,
-    pillars: PillarSettings | None = None,
+    clip: Clip, rng: np.random.Generator, settings: SampleSettings, encoder: EncoderConfig = USUAL
 ) -> list[DetectorSample]:
-    """Return a sample for each agent in each scene of a clip, in pillars of edge `cell_m`; sweeps: see `sweeps_of`."""
+    """Return a sample for each agent in each scene of a clip, for an encoder."""
     samples = []
     for k, scene in enumerate(clip.scenes):
         for number, agent in enumerate(scene.agents):
             if not len(agent.points):
                 continue
-            double = sweeps == 2 and joined(clip, k) and rng.random() >= settings.single
+            double = encoder.sweeps == 2 and joined(clip, k) and rng.random() >= settings.single
             cloud_of = partial(sweeps_of, clip, k, sweeps=1 + double)
-            moves = double or sweeps == 1
-            samples.append(_sample(scene, number, cloud_of, rng, settings, cell_m, pillars, moves=moves))
+            moves = double or encoder.sweeps == 1
+            samples.append(_sample(scene, number, cloud_of, rng, settings, encoder, moves))
     return samples
 
 
@@ -125,23 +124,16 @@ def collate_detector(samples: Sequence[DetectorSample]) -> DetectorBatch:
 
 
 def _sample(
-    scene: Scene,
-    number: int,
-    cloud_of: Callable[[int], Points],
-    rng: np.random.Generator,
-    settings: SampleSettings,
-    cell_m: float,
-    pillars: PillarSettings | None,
-    *,
-    moves: bool,
-) -> DetectorSample:
+    scene: Scene, number: int, cloud_of: Callable[[int], Points], rng: np.random.Generator, settings: SampleSettings,
+    encoder: EncoderConfig, moves: bool,
+) -> DetectorSample:  # fmt: skip
     me = scene.agents[number]
     members = _members(scene, number, rng, settings)
     # The frame of the map is turned at random: streets must not be known by their direction. The agent is anywhere in
     # the cell in the middle, as maps that are exchanged lie on cells of the world (`coopsim.nn.cooperative.perceiver`).
     frame = me.xyz_yaw.copy()
     frame[3] = rng.uniform(-np.pi, np.pi)
-    frame[:2] += rng.uniform(-0.5, 0.5, 2) * cell_m * STRIDE
+    frame[:2] += rng.uniform(-0.5, 0.5, 2) * encoder.cell_m * STRIDE
     points = np.concatenate(
         [_cloud(scene.agents[each], cloud_of(each), each == number, frame, rng, settings) for each in members]
     )
@@ -154,13 +146,13 @@ def _sample(
         mirror(points, boxes, velocity)
     if settings.tilt_deg > 0:
         tilt(points, boxes, np.deg2rad(settings.tilt_deg) * rng.standard_normal(2))
-    grid = _part(boxes[: len(shown)], rng, settings, cell_m)
+    grid = _part(boxes[: len(shown)], rng, settings, encoder.cell_m)
     left = points_left(points, boxes, grid)
     unlabelled = np.arange(len(boxes)) >= len(shown)
     kept, doubtful = (left > 0) | unlabelled, (left < LEAST_POINTS) | unlabelled
     label = np.append(scene.label[shown], np.zeros(len(doubts), np.int64))
     targets = make_targets(boxes[kept], velocity[kept], label[kept], grid.coarser(STRIDE), doubtful[kept], moves=moves)
-    return DetectorSample(pillarize(points, grid, pillars), targets)
+    return DetectorSample(pillarize(points, grid, encoder.pillars), targets)
 
 
 LEAST_POINTS = 3

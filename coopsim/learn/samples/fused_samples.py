@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,13 +12,13 @@ from torch import Tensor
 
 from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.clip import Clip
-from coopsim.learn.samples.cloud_samples import LEAST_POINTS, SampleSettings, points_left
+from coopsim.learn.samples.cloud_samples import LEAST_POINTS, USUAL, SampleSettings, points_left
 from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, noisy, rotated, sweeps_of, thin
 from coopsim.learn.samples.targets import Targets, make_targets
 from coopsim.localization.odometry import Points
 from coopsim.nn.cooperative.perceiver import KINDS
-from coopsim.nn.detector.encoder import STRIDE
-from coopsim.nn.detector.pillars import PillarBatch, Pillars, PillarSettings, collate, pillarize
+from coopsim.nn.detector.encoder import STRIDE, EncoderConfig
+from coopsim.nn.detector.pillars import PillarBatch, Pillars, collate, pillarize
 from coopsim.nn.inference.canvas import way_to_world_cells
 from coopsim.types import BevGrid, Ints
 
@@ -84,16 +84,9 @@ class CooperativeSample:
 
 
 def scene_samples(
-    clip: Clip,
-    rng: np.random.Generator,
-    settings: SampleSettings,
-    cell_m: float = 0.6,
-    sweeps: int = 1,
-    *,
-    pillars: PillarSettings | None = None,
-    taught: bool = False,
-    draft: Callable[..., SceneDraft] | None = None,
-) -> list[Any]:
+    clip: Clip, rng: np.random.Generator, settings: SampleSettings, encoder: EncoderConfig = USUAL,
+    *, taught: bool = False, draft: Callable[..., SceneDraft] | None = None,
+) -> list[Any]:  # fmt: skip
     """Return a sample for each scene of a clip with two or more agents.
 
     Participants are drawn from the agents that see anything.
@@ -102,9 +95,7 @@ def scene_samples(
         clip: the scenes.
         rng: stream of participants, errors of poses, delays, and the turn and mirror of the world.
         settings: options.
-        cell_m: edge of a pillar.
-        sweeps: frames that the network is given, see `sweeps_of`.
-        pillars: rule by which points are gathered; None: the default.
+        encoder: options of the encoder.
         taught: add the merged points of all agents, for a teacher.
         draft: kind of draft that makes the samples; None: `SceneDraft`.
     """
@@ -113,7 +104,7 @@ def scene_samples(
         drawn = [k for k in range(len(scene.agents)) if rng.random() >= settings.dropout]
         members = [k for k in drawn if len(scene.agents[k].points)]
         if len(members) > 1:
-            begun = (draft or SceneDraft)(clip, number, members, rng, settings, cell_m, sweeps, taught, pillars)
+            begun = (draft or SceneDraft)(clip, number, members, rng, settings, encoder, taught)
             samples.append(begun.sample())  # all drafts share a stream: each is finished before the next
     return samples
 
@@ -129,20 +120,12 @@ class SceneDraft:
     """
 
     def __init__(
-        self,
-        clip: Clip,
-        number: int,
-        members: list[int],
-        rng: np.random.Generator,
-        settings: SampleSettings,
-        cell_m: float,
-        sweeps: int,
-        taught: bool = False,
-        pillars: PillarSettings | None = None,
-    ) -> None:
+        self, clip: Clip, number: int, members: list[int], rng: np.random.Generator, settings: SampleSettings,
+        encoder: EncoderConfig = USUAL, taught: bool = False,
+    ) -> None:  # fmt: skip
         self.clip, self.number, self.members, self.rng, self.settings = clip, number, members, rng, settings
-        self.sweeps, self.taught, self.pillars = sweeps, taught, pillars
-        self.pillar_grid = BevGrid(*2 * ((-settings.reach_m, settings.reach_m),), cell_m)
+        self.encoder, self.taught = encoder, taught
+        self.pillar_grid = BevGrid(*2 * ((-settings.reach_m, settings.reach_m),), encoder.cell_m)
         self.grid = self.pillar_grid.coarser(STRIDE)
         self.clean = settings.clean > 0 and rng.random() < settings.clean
         if self.clean:
@@ -202,13 +185,13 @@ class SceneDraft:
         frame = agent.xyz_yaw.copy()
         frame[3] = self.axes_rad - (believed[3] - agent.xyz_yaw[3])
         frame[:2] += rotated(way[None], frame[3])[0]
-        points = self.thinned(sweeps_of(self.clip, number, member, self.sweeps), member)
+        points = self.thinned(sweeps_of(self.clip, number, member, self.encoder.sweeps), member)
         points = moved(points, agent.xyz_yaw, frame)
         shown = scene.returns[:, member] > 0
         boxes, velocity = boxes_in(scene.boxes[shown], scene.velocity[shown], frame)
         if self.mirrored:
             mirror(points, boxes, velocity)
-        self.clouds.append(pillarize(points, self.pillar_grid, self.pillars))
+        self.clouds.append(pillarize(points, self.pillar_grid, self.encoder.pillars))
         left = points_left(points, boxes, self.pillar_grid)
         self.left.append(dict(zip(scene.object_id[shown].tolist(), left.tolist(), strict=True)))
         self.seen.append(_taught(boxes, velocity, scene.label[shown], left, self.grid))
@@ -248,13 +231,16 @@ class SceneDraft:
         )  # fmt: skip
 
     def _merged(self, own: int, grid: BevGrid) -> PillarBatch | None:
-        """Return the merged cloud in a part of a receiver's map; None without teacher."""
+        """Return what a teacher sees in a part of a receiver's map, the points of all members, moved without error."""
         if not self.taught:
             return None
-        return merged_cloud(
-            self.clip, self.number, self.members, self.frames[own], grid, self.pillars,
-            sweeps=self.sweeps, mirrored=self.mirrored,
-        )  # fmt: skip
+        agents, frame = self.clip.scenes[self.number].agents, self.frames[own]
+        clouds = [(sweeps_of(self.clip, self.number, each, self.encoder.sweeps), each) for each in self.members]
+        points = np.concatenate([moved(cloud, agents[each].xyz_yaw, frame) for cloud, each in clouds])
+        if self.mirrored:
+            mirror(points, np.zeros((0, 7)), np.zeros((0, 2)))
+        cells = BevGrid(grid.x_m, grid.y_m, grid.cell_m / STRIDE)
+        return collate([pillarize(points, cells, self.encoder.pillars)])
 
     def age(self) -> int:
         """Draw the delay of a sender's messages in scenes: all receivers get the same ones."""
@@ -283,27 +269,3 @@ def _taught(boxes: Floats, velocity: Floats, label: Ints, left: Ints, grid: BevG
     """Return the targets of objects by the points (N,) that are left of them: see `LEAST_POINTS`; of none, nothing."""
     some = left > 0
     return make_targets(boxes[some], velocity[some], label[some], grid, (left < LEAST_POINTS)[some])
-
-
-def merged_cloud(
-    clip: Clip,
-    number: int,
-    members: Sequence[int],
-    frame: Floats,
-    grid: BevGrid,
-    pillars: PillarSettings | None = None,
-    *,
-    sweeps: int,
-    mirrored: bool,
-) -> PillarBatch:
-    """Return the cloud that a teacher sees: the points of all members in a scene, moved without error.
-
-    It is in the frame of a pose (4,), perhaps mirrored, on pillars whose features have the cells of `grid`.
-    """
-    agents = clip.scenes[number].agents
-    points = np.concatenate(
-        [moved(sweeps_of(clip, number, each, sweeps), agents[each].xyz_yaw, frame) for each in members]
-    )
-    if mirrored:
-        mirror(points, np.zeros((0, 7)), np.zeros((0, 2)))
-    return collate([pillarize(points, BevGrid(grid.x_m, grid.y_m, grid.cell_m / STRIDE), pillars)])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,6 +15,8 @@ from coopsim.config.load import load
 from coopsim.errors import InvalidValueError
 from coopsim.learn.clips.clip import Clip
 from coopsim.learn.losses.fused_losses import (
+    SentMaps,
+    Teaching,
     cooperative_loss,
     copy_loss,
     flow_losses,
@@ -29,7 +31,7 @@ from coopsim.learn.losses.own_losses import own_losses
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.flow_samples import FlowDraft, FlowSample
-from coopsim.learn.samples.fused_samples import CooperativeSample, ReceiverView, SceneDraft, scene_samples
+from coopsim.learn.samples.fused_samples import CooperativeSample, SceneDraft, scene_samples
 from coopsim.learn.tasks.training_task import (
     LOSS,
     FoundMap,
@@ -47,10 +49,9 @@ from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.support.user_code import names_code
 
 
-class CooperativeTask(TrainingTask):
+class CooperativeTask(TrainingTask[CooperativeNet]):
     """Stage B: the training of a `CooperativeNet` on a frozen encoder; its head begins as the detector's."""
 
-    net: CooperativeNet
     cuts_apart = True
     draft: type[SceneDraft] = SceneDraft
 
@@ -58,7 +59,6 @@ class CooperativeTask(TrainingTask):
         super().__init__()
         self._settings = load(SampleSettings, recipe.samples, "samples")
         detector = load_detector(recipe.detector)
-        self.own = own_losses(recipe.loss)
         named = str(recipe.network.get("fusion", ""))
         fusion = named if names_code(named) else None
         start = None if recipe.start is None else load_cooperative(recipe.start, detector, fusion)
@@ -86,6 +86,7 @@ class CooperativeTask(TrainingTask):
         self.teacher = None if recipe.teacher is None else copy.deepcopy(load_detector(recipe.teacher))
         if self.teacher is not None:
             require_fitting(self.teacher, detector)
+        self.teaching = Teaching(self.teacher, own_losses(recipe.loss))
         # Statistics of normalisation stay the detector's: one scene is too few to measure them.
         normalisations = (each for each in self.net.modules() if isinstance(each, nn.modules.batchnorm._BatchNorm))
         self.frozen = [self.detector, *normalisations, *([self.teacher] if self.teacher else [])]
@@ -101,20 +102,13 @@ class CooperativeTask(TrainingTask):
     def _samples(
         self, clip: Clip, rng: np.random.Generator, settings: SampleSettings, *, taught: bool
     ) -> Sequence[Any]:
-        config = self.detector.config
-        return scene_samples(
-            clip, rng, settings, config.cell_m, config.sweeps,
-            pillars=config.pillars, taught=taught, draft=self.draft,
-        )  # fmt: skip
+        return scene_samples(clip, rng, settings, self.detector.config, taught=taught, draft=self.draft)
 
-    def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
-        assert isinstance(net, CooperativeNet)
+    def find(self, net: CooperativeNet, batch: Any) -> list[FoundMap]:
         return find_fused(self.detector, net, batch)
 
-    def forward(self, batch: Any) -> dict[str, Tensor]:
-        return mean_losses(
-            [cooperative_loss(self.detector, self.net, sample, teacher=self.teacher, own=self.own) for sample in batch]
-        )
+    def losses(self, batch: Any) -> dict[str, Tensor]:
+        return mean_losses([cooperative_loss(self.detector, self.net, sample, self.teaching) for sample in batch])
 
 
 def find_fused(detector: DetectorNet, net: CooperativeNet, batch: Iterable[CooperativeSample]) -> list[FoundMap]:
@@ -122,27 +116,22 @@ def find_fused(detector: DetectorNet, net: CooperativeNet, batch: Iterable[Coope
     found: list[FoundMap] = []
     for sample in batch:
         with torch.no_grad():
-            features = detector.encoder(sample.pillars)
-            found += find_in(net, features, *net.message(features), sample)
+            found += find_in(net, sent_maps(detector, net, sample), sample)
     return found
 
 
-def find_in(
-    net: CooperativeNet, features: Tensor, values: Tensor, sure: Tensor, sample: CooperativeSample
-) -> list[FoundMap]:
-    """Return what is found in the views of a sample's receivers; arguments as of `fused_features`."""
+def sent_maps(detector: DetectorNet, net: CooperativeNet, sample: CooperativeSample) -> SentMaps:
+    """Return the maps of a sample's clouds, and what their agents send of them."""
+    features = detector.encoder(sample.pillars)
+    return SentMaps(features, *net.message(features), sample.grid)
+
+
+def find_in(net: CooperativeNet, maps: SentMaps, sample: CooperativeSample) -> list[FoundMap]:
+    """Return what is found in the views of a sample's receivers."""
     return [
-        FoundMap(decode(net.head, fused, view.grid)[0], view.targets, view.grid)
-        for fused, view in fused_maps(net, features, values, sure, sample)
+        FoundMap(decode(net.head, fused_features(net, maps, view)[0], view.grid)[0], view.targets, view.grid)
+        for view in sample.views
     ]
-
-
-def fused_maps(
-    net: CooperativeNet, features: Tensor, values: Tensor, sure: Tensor, sample: CooperativeSample
-) -> Iterator[tuple[Tensor, ReceiverView]]:
-    """Yield the fused map (1, features, h, w) of each of a sample's receivers; arguments as of `fused_features`."""
-    for view in sample.views:
-        yield fused_features(net, features, values, sure, sample.grid, view)[0], view
 
 
 _MESSAGES_FIRST = 0.5
@@ -171,38 +160,37 @@ class FlowTask(CooperativeTask):
             )
         self.net.head.requires_grad_(False)
 
-    def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
-        assert isinstance(net, CooperativeNet) and net.flow is not None
+    def find(self, net: CooperativeNet, batch: Any) -> list[FoundMap]:
+        assert net.flow is not None
         found: list[FoundMap] = []
         for sample in batch:
             with torch.no_grad():
-                features = self.detector.encoder(sample.scene.pillars)
-                values, sure = net.message(features)
+                maps = sent_maps(self.detector, net, sample.scene)
                 if sample.late.late:
-                    values = moved_to_now(values, late_changes(net.flow, values, sample), sample)
-                found += find_in(net, features, values, sure, sample.scene)
+                    values = moved_to_now(maps.values, late_changes(net.flow, maps.values, sample), sample)
+                    maps = maps._replace(values=values)
+                found += find_in(net, maps, sample.scene)
         return found
 
-    def forward(self, batch: Sequence[FlowSample]) -> dict[str, Tensor]:
+    def losses(self, batch: Sequence[FlowSample]) -> dict[str, Tensor]:
         return mean_losses([self._losses(sample) for sample in batch])
 
     def _losses(self, sample: FlowSample) -> dict[str, Tensor]:
         if self.progress < _MESSAGES_FIRST:
-            return cooperative_loss(self.detector, self.net, sample.scene, teacher=self.teacher, own=self.own)
+            return cooperative_loss(self.detector, self.net, sample.scene, self.teaching)
         return self._flow_step(sample)
 
     def _flow_step(self, sample: FlowSample) -> dict[str, Tensor]:
         net = self.net
         assert net.flow is not None
         with torch.no_grad():
-            features = self.detector.encoder(sample.scene.pillars)
-            values, sure = net.message(features)
-        parts = {"copy": copy_loss(net, features, values)}
+            maps = sent_maps(self.detector, net, sample.scene)
+        parts = {"copy": copy_loss(net, maps.features, maps.values)}
         if sample.late.late:
-            changes = late_changes(net.flow, values, sample)
-            parts |= flow_losses(net, features, values, changes, sample)
-            values = moved_to_now(values, changes.detach(), sample)
-        parts |= views_losses(net, features, values, sure, sample.scene, self.teacher, self.own)
+            changes = late_changes(net.flow, maps.values, sample)
+            parts |= flow_losses(net, maps.features, maps.values, changes, sample)
+            maps = maps._replace(values=moved_to_now(maps.values, changes.detach(), sample))
+        parts |= views_losses(net, maps, sample.scene, self.teaching)
         return {LOSS: sum_of(parts), **parts}
 
 
@@ -215,10 +203,9 @@ class DetectorAndFusion(nn.Module):
         self.detector.encoder.requires_grad_(True)
 
 
-class TogetherTask(TrainingTask):
+class TogetherTask(TrainingTask[DetectorAndFusion]):
     """Stage C: the training of an encoder and a fusion together, from the ends of stages A and B."""
 
-    net: DetectorAndFusion
     cuts_apart = True
 
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
@@ -233,19 +220,16 @@ class TogetherTask(TrainingTask):
     def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
         return self._fusion.cut_held_out(clip, rng)
 
-    def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
-        assert isinstance(net, DetectorAndFusion)
+    def find(self, net: DetectorAndFusion, batch: Any) -> list[FoundMap]:
         return find_fused(net.detector, net.fused, batch)
 
-    def forward(self, batch: Any) -> dict[str, Tensor]:
-        detector, fused = self.net.detector, self.net.fused
-        teacher, own = self._fusion.teacher, self._fusion.own
+    def losses(self, batch: Any) -> dict[str, Tensor]:
+        both, teaching = self.net, self._fusion.teaching
         return mean_losses(
-            [cooperative_loss(detector, fused, sample, frozen=False, teacher=teacher, own=own) for sample in batch]
+            [cooperative_loss(both.detector, both.fused, sample, teaching, frozen=False) for sample in batch]
         )
 
-    def files(self, net: nn.Module, name: str) -> list[WeightsFile]:
-        assert isinstance(net, DetectorAndFusion)
+    def files(self, net: DetectorAndFusion, name: str) -> list[WeightsFile]:
         trained = {"detector": f"{name}_detector", "encoder_digest": encoder_digest(net.detector)}
         return [
             WeightsFile(name, net.fused, {**self._fusion.metadata, **trained}),

@@ -14,7 +14,6 @@ from coopsim.config.load import load
 from coopsim.errors import InvalidValueError
 from coopsim.learn.clips.clip import Clip
 from coopsim.learn.losses.filter_losses import recording_errors, window_errors
-from coopsim.learn.losses.head_losses import sum_of
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.windows import (
     RecordedFrames,
@@ -24,7 +23,7 @@ from coopsim.learn.samples.windows import (
     detected_window,
     frames_of,
 )
-from coopsim.learn.tasks.training_task import LOSS, TrainingTask, first_net, weights_metadata
+from coopsim.learn.tasks.training_task import TrainingTask, first_net, weights_metadata
 from coopsim.learn.weights import load_detector, make_network
 from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.score import summarize
@@ -38,10 +37,8 @@ from coopsim.types.estimates import diagonals
 from coopsim.types.groups import DetectionGroups
 
 
-class CovarianceTask(TrainingTask):
+class CovarianceTask(TrainingTask[CovarianceNet]):
     """The training of a `CovarianceNet` on recordings."""
-
-    net: CovarianceNet
 
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
         super().__init__()
@@ -60,9 +57,8 @@ class CovarianceTask(TrainingTask):
     def cut(self, clip: RecordedWindow, rng: np.random.Generator) -> Sequence[RecordedWindow]:
         return [clip] if len(clip.numbers) else []
 
-    def forward(self, batch: Sequence[RecordedWindow]) -> dict[str, Tensor]:
-        parts = window_errors(self.net, batch).losses()
-        return {LOSS: sum_of(parts), **parts}
+    def losses(self, batch: Sequence[RecordedWindow]) -> dict[str, Tensor]:
+        return window_errors(self.net, batch).losses()
 
 
 class HeldOutRecordings:
@@ -95,10 +91,8 @@ def _log_of(net: CovarianceNet, recorded: RecordedFrames) -> TrackLog:
     return evaluator.log
 
 
-class SeenCovarianceTask(TrainingTask):
+class SeenCovarianceTask(TrainingTask[CovarianceNet]):
     """The training of a `CovarianceNet` that also reads the detecting agent's features, on simulated clips."""
-
-    net: CovarianceNet
 
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
         super().__init__()
@@ -127,15 +121,13 @@ class SeenCovarianceTask(TrainingTask):
                 self._kept.popitem(last=False)
         return self._kept[clip.key]
 
-    def evaluate(self, net: nn.Module, batches: Sequence[Sequence[RecordedWindow]]) -> dict[str, float]:
+    def evaluate(self, net: CovarianceNet, batches: Sequence[Sequence[RecordedWindow]]) -> dict[str, float]:
         """Return values by name: both losses, and the mean squared Mahalanobis distance of innovations."""
-        assert isinstance(net, CovarianceNet)
         windows = [window for batch in batches for window in batch]
         if not windows:
             return {}
         with torch.no_grad():
             return window_errors(net, windows).summary()
 
-    def forward(self, batch: Sequence[RecordedWindow]) -> dict[str, Tensor]:
-        parts = window_errors(self.net, batch).losses()
-        return {LOSS: sum_of(parts), **parts}
+    def losses(self, batch: Sequence[RecordedWindow]) -> dict[str, Tensor]:
+        return window_errors(self.net, batch).losses()

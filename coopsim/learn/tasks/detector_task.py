@@ -5,19 +5,18 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from coopsim.config.load import load
 from coopsim.errors import InvalidValueError
 from coopsim.learn.clips.clip import Clip
 from coopsim.learn.clips.world_recipe import WorldRecipe
 from coopsim.learn.losses.head_losses import head_loss
-from coopsim.learn.losses.own_losses import OwnLosses, own_losses
+from coopsim.learn.losses.own_losses import own_losses
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import DetectorBatch, SampleSettings, collate_detector, detector_samples
 from coopsim.learn.samples.targets import Targets
@@ -28,10 +27,9 @@ from coopsim.nn.detector.detector_net import DetectorNet
 from coopsim.types import BevGrid
 
 
-class DetectorTask(TrainingTask):
+class DetectorTask(TrainingTask[DetectorNet]):
     """The training of a `DetectorNet`."""
 
-    net: DetectorNet
     cuts_apart = True
 
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
@@ -61,24 +59,17 @@ class DetectorTask(TrainingTask):
         return self._samples(clip, rng, settings)
 
     def _samples(self, clip: Clip, rng: np.random.Generator, settings: SampleSettings) -> Sequence[Any]:
-        config = self.net.config
-        return detector_samples(clip, rng, settings, config.cell_m, config.sweeps, config.pillars)
+        return detector_samples(clip, rng, settings, self.net.config)
 
-    def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
-        assert isinstance(net, DetectorNet)
+    def find(self, net: DetectorNet, batch: Any) -> list[FoundMap]:
         with torch.no_grad():
             return found_map(net.head, net.encoder(batch.pillars), batch.targets)
 
     def collate(self, samples: Sequence[Any]) -> Any:
         return collate_detector(samples)
 
-    def forward(self, batch: Any) -> dict[str, Tensor]:
-        return detector_loss(self.net, batch, self._own)
-
-
-def detector_loss(net: DetectorNet, batch: DetectorBatch, own: OwnLosses = MappingProxyType({})) -> dict[str, Tensor]:
-    """Return the loss of a batch: "loss", the weighted sum, and its parts; those of users are `own`."""
-    return head_loss(net.head, net.encoder(batch.pillars), batch.targets, own)
+    def losses(self, batch: DetectorBatch) -> dict[str, Tensor]:
+        return head_loss(self.net.head, self.net.encoder(batch.pillars), batch.targets, self._own)
 
 
 def found_map(head: Any, features: Tensor, targets: Targets) -> list[FoundMap]:

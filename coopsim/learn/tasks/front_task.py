@@ -8,15 +8,16 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional
 
 from coopsim.errors import InvalidValueError
 from coopsim.learn.clips.clip import Clip
+from coopsim.learn.losses.fused_losses import fused_features
 from coopsim.learn.losses.judge_losses import found_boxes
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.targets import Targets
-from coopsim.learn.tasks.cooperative_task import CooperativeTask, fused_maps
+from coopsim.learn.tasks.cooperative_task import CooperativeTask, sent_maps
 from coopsim.learn.tasks.detector_task import DetectorTask
 from coopsim.learn.tasks.training_task import LOSS, TrainingTask, copy_weights
 from coopsim.learn.weights import find_weights, load_network, read_texts
@@ -39,15 +40,13 @@ class FoundVehicle:
     ahead: Tensor
 
 
-class FrontTask(TrainingTask):
+class FrontTask(TrainingTask[DetectorNet | CooperativeNet]):
     """The training of a second look on the vehicles that a network finds, of a detector or of a fusion.
 
     The recipe's `start` names the network. A head without a second look gets one: that of the fusion's detector if it
     has one, else one with random weights. Maps are those of the network's own kind of training; a sample is a vehicle
     in one of them.
     """
-
-    net: DetectorNet | CooperativeNet
 
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
         super().__init__()
@@ -86,9 +85,8 @@ class FrontTask(TrainingTask):
             torch.stack([each.patches for each in samples]), torch.stack([each.ahead for each in samples])
         )
 
-    def evaluate(self, net: nn.Module, batches: Sequence[FoundVehicle]) -> dict[str, float]:
+    def evaluate(self, net: DetectorNet | CooperativeNet, batches: Sequence[FoundVehicle]) -> dict[str, float]:
         """Return the share of surely found vehicles that point backwards after the second look; NaN without any."""
-        assert isinstance(net, DetectorNet | CooperativeNet)
         if not batches:
             return {"backwards": float("nan")}
         whole = FoundVehicle(torch.cat([each.patches for each in batches]), torch.cat([each.ahead for each in batches]))
@@ -96,7 +94,7 @@ class FrontTask(TrainingTask):
             wrong = (self._forward_of(net, whole) > 0) != (whole.ahead > 0)
         return {"backwards": float(wrong.float().mean())}
 
-    def forward(self, batch: FoundVehicle) -> dict[str, Tensor]:
+    def losses(self, batch: FoundVehicle) -> dict[str, Tensor]:
         front = functional.binary_cross_entropy_with_logits(self._forward_of(self.net, batch), batch.ahead)
         return {LOSS: front, "front": front}
 
@@ -127,6 +125,6 @@ class FrontTask(TrainingTask):
             return
         assert isinstance(self.net, CooperativeNet)
         for sample in batch:
-            features = self._maps.detector.encoder(sample.pillars)
-            for fused, view in fused_maps(self.net, features, *self.net.message(features), sample):
-                yield fused, view.targets.to(fused.device)
+            maps = sent_maps(self._maps.detector, self.net, sample)
+            for view in sample.views:
+                yield fused_features(self.net, maps, view)[0], view.targets.to(maps.features.device)

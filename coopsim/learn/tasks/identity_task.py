@@ -22,7 +22,6 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.clip import Clip
 from coopsim.learn.losses.contrast_losses import FIRST_LOG_SCALE, hardest_triplets, paired_contrast
-from coopsim.learn.losses.head_losses import sum_of
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.sample_frames import thin
 from coopsim.learn.samples.sightings import (
@@ -37,7 +36,7 @@ from coopsim.learn.samples.sightings import (
     sighted_crops,
     sightings_of,
 )
-from coopsim.learn.tasks.training_task import LOSS, TrainingTask, WeightsFile, first_net, weights_metadata
+from coopsim.learn.tasks.training_task import TrainingTask, WeightsFile, first_net, weights_metadata
 from coopsim.metrics.average_precision import separation
 from coopsim.nn.identity.clip_teachers import ClipTeachers, Crop
 from coopsim.nn.identity.picture_identity_net import PictureIdentityConfig
@@ -92,7 +91,7 @@ class ContrastedNet(nn.Module):
         return vectors if self.to_teachers is None else nn.functional.normalize(self.to_teachers(vectors), dim=1)
 
 
-class IdentityTask(TrainingTask):
+class IdentityTask(TrainingTask[ContrastedNet]):
     """The training of an encoder of identity, with frozen teachers if any; derive for a kind of input."""
 
     net: ContrastedNet
@@ -142,9 +141,8 @@ class IdentityTask(TrainingTask):
             tuple(crop for sample in samples for crop in sample.crops),
         )
 
-    def evaluate(self, net: nn.Module, batches: Sequence[SightingBatch]) -> dict[str, float]:
+    def evaluate(self, net: ContrastedNet, batches: Sequence[SightingBatch]) -> dict[str, float]:
         """Return the separation (AUC) of sightings of one class: of one agent in time, and of two agents at once."""
-        assert isinstance(net, ContrastedNet)
         found: dict[str, list[Any]] = {"AUC within": [], "AUC across": []}
         for batch in batches:
             with torch.no_grad():
@@ -162,13 +160,12 @@ class IdentityTask(TrainingTask):
                 values[name] = separation(similarity, same)
         return {name: round(value, 4) for name, value in values.items() if np.isfinite(value)}
 
-    def files(self, net: nn.Module, name: str) -> list[WeightsFile]:
-        assert isinstance(net, ContrastedNet)
+    def files(self, net: ContrastedNet, name: str) -> list[WeightsFile]:
         teachers = "none" if self.teachers is None else "CLIP"
         said = {**weights_metadata(self.kind, net.encoder.config), "teachers": teachers}
         return [WeightsFile(name, net.encoder, said)]
 
-    def forward(self, batch: SightingBatch) -> dict[str, Tensor]:
+    def losses(self, batch: SightingBatch) -> dict[str, Tensor]:
         vectors = self.net.encoder(batch.inputs)
         with torch.autocast(vectors.device.type, enabled=False):  # cosines of 8 bits would not tell much apart
             vectors = vectors.float()
@@ -182,7 +179,7 @@ class IdentityTask(TrainingTask):
                 targets = self.teachers.vectors(batch.seen.label, batch.seen.boxes, batch.crops)
                 for name, (rows, taught) in targets.items():
                     parts[name] = paired_contrast(own[rows], taught, batch.identity[rows], self.net.log_scale)
-        return {LOSS: sum_of(parts), **parts}
+        return parts
 
     def _group(self, clip: Clip, seen: Sightings, rng: np.random.Generator, *, whole: bool = False) -> SightingGroup:
         inputs = self.inputs(clip, seen, rng, whole=whole)

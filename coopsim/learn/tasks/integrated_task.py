@@ -8,13 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from coopsim.config.load import load
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3
 from coopsim.learn.clips.clip import Clip
-from coopsim.learn.losses.head_losses import sum_of
 from coopsim.learn.losses.instance_losses import LabelledInstances, TaughtFrame, frame_losses, labelled, xiou_of_pairs
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import SampleSettings
@@ -26,7 +25,7 @@ from coopsim.learn.samples.query_streams import (
     true_objects,
 )
 from coopsim.learn.tasks.query_task import SURE, QueryEvaluation
-from coopsim.learn.tasks.training_task import LOSS, TrainingTask, mean_losses, weights_metadata
+from coopsim.learn.tasks.training_task import TrainingTask, mean_losses, weights_metadata
 from coopsim.learn.weights import load_cooperative, load_detector, make_network, read_config
 from coopsim.nn.detector.encoder import STRIDE
 from coopsim.nn.integrated.integrated_net import IntegratedNet
@@ -40,7 +39,7 @@ _LONGEST_MISSED = 10
 """Frames after which a track that no agent sees ends in training."""
 
 
-class IntegratedTask(TrainingTask):
+class IntegratedTask(TrainingTask[IntegratedNet]):
     """The training of an `IntegratedNet`, whose cooperative network is that of the recipe's `start` and stays so.
 
     Frames of a clip follow each other as they do in use. Tracks are paired with detections by which object they are.
@@ -75,8 +74,7 @@ class IntegratedTask(TrainingTask):
     def _see(self, features: Tensor, grid: BevGrid) -> SeenMap:
         return SeenMap(features[0], grid, self.net.nothing())  # of the fused map alone peaks are asked for
 
-    def evaluate(self, net: nn.Module, batches: Sequence[Sequence[QueryStream]]) -> dict[str, float]:
-        assert isinstance(net, IntegratedNet)
+    def evaluate(self, net: IntegratedNet, batches: Sequence[Sequence[QueryStream]]) -> dict[str, float]:
         found = IntegratedEvaluation()
         with torch.no_grad():
             for sample in (sample for batch in batches for sample in batch):
@@ -84,13 +82,12 @@ class IntegratedTask(TrainingTask):
                     found.add(taught)
         return found.values()
 
-    def forward(self, batch: Sequence[QueryStream]) -> dict[str, Tensor]:
+    def losses(self, batch: Sequence[QueryStream]) -> dict[str, Tensor]:
         pillars = self._settings.crop_cells
         cells = None if pillars is None else pillars // STRIDE
-        parts = mean_losses(
+        return mean_losses(
             [mean_losses([frame_losses(each) for each in taught_frames(self.net, one, cells)]) for one in batch]
         )
-        return {LOSS: sum_of(parts), **parts}
 
 
 def taught_frames(net: IntegratedNet, sample: QueryStream, crop_cells: int | None) -> Iterator[TaughtFrame]:

@@ -8,18 +8,17 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from coopsim.config.load import load
 from coopsim.errors import InvalidValueError
 from coopsim.learn.clips.clip import Clip
-from coopsim.learn.losses.head_losses import alike_loss, depth_loss, head_loss, label_loss, sum_of
+from coopsim.learn.losses.head_losses import alike_loss, depth_loss, head_loss, label_loss
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.picture_samples import PicturesOfBatch, collate_picture_samples, picture_samples
 from coopsim.learn.tasks.detector_task import found_map
 from coopsim.learn.tasks.training_task import (
-    LOSS,
     FoundMap,
     TrainingTask,
     copy_weights,
@@ -32,8 +31,10 @@ from coopsim.nn.camera.picture_net import PictureFeatures
 from coopsim.nn.camera.points_and_pictures import PointsAndPicturesNet
 from coopsim.nn.detector.detector_net import DetectorNet
 
+AnyPictureNet = PictureDetectorNet | PointsAndPicturesNet
 
-class PicturesTask(TrainingTask):
+
+class PicturesTask(TrainingTask[AnyPictureNet]):
     """The training of a network with cameras beside a detector of points, whose head it has and does not change.
 
     All fusions that stand on that detector then take the maps of pictures, too, and maps of both kinds together.
@@ -42,7 +43,6 @@ class PicturesTask(TrainingTask):
     `start` may be weights of the kind "pictures", with which the part on pictures begins.
     """
 
-    net: PictureDetectorNet | PointsAndPicturesNet
     cuts_apart = True
 
     def __init__(self, recipe: TrainingRecipe, seed: int) -> None:
@@ -70,7 +70,7 @@ class PicturesTask(TrainingTask):
 
     def _start(self, start: str, detector: DetectorNet) -> None:
         """Begin with the weights of a training before this one."""
-        before: PictureDetectorNet | PointsAndPicturesNet
+        before: AnyPictureNet
         if self._reads_points and read_texts(start).get("kind") != "pictures":
             before = load_points_and_pictures(start, detector)
         else:
@@ -89,28 +89,24 @@ class PicturesTask(TrainingTask):
     def cut_held_out(self, clip: Clip, rng: np.random.Generator) -> Sequence[Any]:
         return picture_samples(clip, rng, self._settings, self._config.cell_m, points=self._reads_points, whole=True)
 
-    def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
-        assert isinstance(net, (PictureDetectorNet, PointsAndPicturesNet))
+    def find(self, net: AnyPictureNet, batch: Any) -> list[FoundMap]:
         with torch.no_grad():
             return found_map(net.head, _features(net, batch, _seen(net, batch)), batch.targets)
 
     def collate(self, samples: Sequence[Any]) -> Any:
         return collate_picture_samples(samples)
 
-    def forward(self, batch: PicturesOfBatch) -> dict[str, Tensor]:
+    def losses(self, batch: PicturesOfBatch) -> dict[str, Tensor]:
         seen = _seen(self.net, batch)
         if self.progress < self._depths_first:
-            parts = self._image_losses(batch, seen)
-            return {LOSS: sum_of(parts), **parts}
+            return self._image_losses(batch, seen)
         features = _features(self.net, batch, seen)
-        parts = head_loss(self.net.head, features, batch.targets)
-        parts.pop(LOSS)
-        parts |= self._image_losses(batch, seen)
+        parts = head_loss(self.net.head, features, batch.targets) | self._image_losses(batch, seen)
         if not self._reads_points:
             with torch.no_grad():
                 of_points = self.detector.encoder(batch.pillars)
             parts["alike"] = alike_loss(features, of_points, batch.targets.heat)
-        return {LOSS: sum_of(parts), **parts}
+        return parts
 
     def _image_losses(self, batch: PicturesOfBatch, seen: list[PictureFeatures]) -> dict[str, Tensor]:
         """Return the losses of depths and classes, means over the groups of pictures."""
@@ -125,7 +121,7 @@ class PicturesTask(TrainingTask):
         return isinstance(self.net, PointsAndPicturesNet)
 
 
-def _seen(net: PictureDetectorNet | PointsAndPicturesNet, batch: PicturesOfBatch) -> list[PictureFeatures]:
+def _seen(net: AnyPictureNet, batch: PicturesOfBatch) -> list[PictureFeatures]:
     """Return what is seen in the pictures of a batch."""
     encoder = net.encoder
     if isinstance(encoder, LiftSplatEncoder):
@@ -133,9 +129,7 @@ def _seen(net: PictureDetectorNet | PointsAndPicturesNet, batch: PicturesOfBatch
     return encoder.read(batch.pictures)
 
 
-def _features(
-    net: PictureDetectorNet | PointsAndPicturesNet, batch: PicturesOfBatch, seen: list[PictureFeatures]
-) -> Tensor:
+def _features(net: AnyPictureNet, batch: PicturesOfBatch, seen: list[PictureFeatures]) -> Tensor:
     """Return the features of a batch, (A, C, h, w)."""
     encoder = net.encoder
     if isinstance(encoder, LiftSplatEncoder):

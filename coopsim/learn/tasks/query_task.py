@@ -9,18 +9,17 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from coopsim.config.load import load
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import SE3
 from coopsim.learn.clips.clip import Clip
-from coopsim.learn.losses.head_losses import sum_of
 from coopsim.learn.losses.instance_losses import association_loss, instance_losses, labelled
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import SampleSettings
 from coopsim.learn.samples.query_streams import QueryStream, StreamCutter, TrueObjects, true_objects
-from coopsim.learn.tasks.training_task import LOSS, TrainingTask, mean_losses, weights_metadata
+from coopsim.learn.tasks.training_task import TrainingTask, mean_losses, weights_metadata
 from coopsim.learn.weights import load_detector, load_queries, make_network
 from coopsim.nn.queries.cooptrack_fusion import ReceivedInstances
 from coopsim.nn.queries.instance_fusion import sure_pairs
@@ -41,7 +40,7 @@ class TaughtStep:
     truth: TrueObjects
 
 
-class QueryTask(TrainingTask):
+class QueryTask(TrainingTask[QueryNet]):
     """The training of a `QueryNet`: stage 1 with the fusion "none", stage 2 with another one.
 
     In stage 2 the network of one agent begins as that of `start`. Messages are made without gradients, and so are
@@ -79,8 +78,7 @@ class QueryTask(TrainingTask):
     def _see(self, features: Tensor, grid: BevGrid) -> SeenMap:
         return seen_map(self.net, self.detector.head, features, grid)
 
-    def evaluate(self, net: nn.Module, batches: Sequence[Sequence[QueryStream]]) -> dict[str, float]:
-        assert isinstance(net, QueryNet)
+    def evaluate(self, net: QueryNet, batches: Sequence[Sequence[QueryStream]]) -> dict[str, float]:
         found = QueryEvaluation()
         with torch.no_grad():
             for sample in (sample for batch in batches for sample in batch):
@@ -88,11 +86,10 @@ class QueryTask(TrainingTask):
                     found.add(taught.step, taught.truth)
         return found.values()
 
-    def forward(self, batch: Sequence[QueryStream]) -> dict[str, Tensor]:
-        parts = mean_losses(
+    def losses(self, batch: Sequence[QueryStream]) -> dict[str, Tensor]:
+        return mean_losses(
             [mean_losses([_losses(each) for each in taught_steps(self.net, sample)]) for sample in batch]
         )
-        return {LOSS: sum_of(parts), **parts}
 
 
 def _of_one_agent(config: QueryConfig) -> QueryConfig:

@@ -7,13 +7,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 from torch import Tensor, nn
 
 from coopsim.errors import InvalidValueError
 from coopsim.learn.clips.clip import ClipSource
+from coopsim.learn.losses.head_losses import sum_of
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.targets import Targets
 from coopsim.learn.weights import encoder_digest, load_network, make_network
@@ -42,7 +43,10 @@ class WeightsFile:
     metadata: Mapping[str, Any]
 
 
-class TrainingTask(nn.Module, ABC):
+N = TypeVar("N", bound=nn.Module)
+
+
+class TrainingTask(nn.Module, ABC, Generic[N]):
     """A network in training; calling it with a batch gives the losses.
 
     Attributes:
@@ -56,7 +60,7 @@ class TrainingTask(nn.Module, ABC):
         InvalidValueError: an option has no meaning for the task, or the networks of a recipe do not fit together.
     """
 
-    net: nn.Module
+    net: N
     metadata: Mapping[str, Any]
     frozen: Sequence[nn.Module] = ()
     progress: float = 1.0
@@ -84,11 +88,11 @@ class TrainingTask(nn.Module, ABC):
         """Draw samples for validation, without what only makes training harder: those of `cut`, unless overridden."""
         return self.cut(clip, rng)
 
-    def find(self, net: nn.Module, batch: Any) -> list[FoundMap]:
+    def find(self, net: N, batch: Any) -> list[FoundMap]:
         """Return what a network finds in the maps of a batch."""
         return []
 
-    def evaluate(self, net: nn.Module, batches: Sequence[Any]) -> Mapping[str, float] | None:
+    def evaluate(self, net: N, batches: Sequence[Any]) -> Mapping[str, float] | None:
         """Return values of held-out batches by name; None: average precisions of what `find` finds."""
         return None
 
@@ -96,13 +100,21 @@ class TrainingTask(nn.Module, ABC):
         """Return samples as a batch: their list, unless overridden."""
         return list(samples)
 
-    def files(self, net: nn.Module, name: str) -> list[WeightsFile]:
+    def files(self, net: N, name: str) -> list[WeightsFile]:
         """Return the files that a trained network is stored in; the first one has the recipe's name."""
         return [WeightsFile(name, net, self.metadata)]
 
-    @abstractmethod
     def forward(self, batch: Any) -> dict[str, Tensor]:
         """Return losses by name, each a scalar; `LOSS` is their total."""
+        parts = self.losses(batch)
+        return parts if LOSS in parts else {LOSS: sum_of(parts), **parts}
+
+    @abstractmethod
+    def losses(self, batch: Any) -> dict[str, Tensor]:
+        """Return the parts of the loss by name; with `LOSS`, first, where the total is not their weighted sum."""
+
+
+AnyTask = TrainingTask[Any]
 
 
 def weights_metadata(

@@ -132,19 +132,19 @@ class PointLayer(nn.Module):
         """Return the features (M, pillar_features) of the pillars that have points, in float32."""
         if self.parts == 1:
             return self.of_parts(batch)
-        return functional.relu(_normed(self.mix_norm, self.mix(self.of_parts(batch)).float()))
+        return functional.relu(batch_normed(self.mix_norm, self.mix(self.of_parts(batch)).float()))
 
     def of_parts(self, batch: PillarBatch) -> Tensor:
         """Return the features (M, B pillar_features) of the B parts of each pillar; zeros of those without points."""
         if not len(batch.features):
             return batch.features.new_zeros(len(batch.cell), self.parts * self.points.out_features)
-        each = functional.relu(_normed(self.points_norm, self.points(batch.features).float()))
+        each = functional.relu(batch_normed(self.points_norm, self.points(batch.features).float()))
         if self.parts == 1:
             return torch.segment_reduce(each, "max", lengths=batch.count, axis=0)
         return torch.segment_reduce(each, "max", lengths=batch.count, axis=0, initial=0.0).view(len(batch.cell), -1)
 
 
-def _normed(norm: nn.Module, rows: Tensor) -> Tensor:
+def batch_normed(norm: nn.Module, rows: Tensor) -> Tensor:
     """Return rows (P, C), normalized; fewer than two have no statistics, and take those of earlier ones."""
     if len(rows) > 1 or not norm.training or not isinstance(norm, nn.BatchNorm1d):
         normed: Tensor = norm(rows)

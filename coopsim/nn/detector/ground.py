@@ -48,7 +48,7 @@ def surface(points: NDArray[np.float32]) -> NDArray[np.float32]:
             number = _fitted(np.where(known, target, 0.0), weight, splines, penalty)
             heights = (splines @ number @ splines.T).astype(np.float32)
     on_flat, on_surface = (np.count_nonzero(np.abs(_minima(few, each)) < _ON_M) for each in (0 * heights, heights))
-    return np.zeros(len(points), np.float32) if on_flat > _AS_GOOD * on_surface else _between(points, heights)
+    return np.zeros(len(points), np.float32) if on_flat > _AS_GOOD * on_surface else between(points, heights, _CELL_M)
 
 
 @cache
@@ -103,12 +103,12 @@ def _fitted(target, weight, splines, penalty):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _between(points, heights):  # type: ignore[no-untyped-def]
-    """Return the surface (P,) at points, between the middles of its cells."""
-    out = np.empty(len(points), np.float32)
+def between(points, heights, cell_m):  # type: ignore[no-untyped-def]
+    """Return a square surface around the agent at points (P,), between the middles of its cells."""
+    out, first_m, last = np.empty(len(points), np.float32), -cell_m * len(heights) / 2, len(heights) - 1.001
     for k in range(len(points)):
-        row = min(max((points[k, 1] - _LOW) / _CELL_M - 0.5, 0.0), _CELLS - 1.001)
-        column = min(max((points[k, 0] - _LOW) / _CELL_M - 0.5, 0.0), _CELLS - 1.001)
+        row = min(max((points[k, 1] - first_m) / cell_m - 0.5, 0.0), last)
+        column = min(max((points[k, 0] - first_m) / cell_m - 0.5, 0.0), last)
         i, j = int(row), int(column)
         a, b = row - i, column - j
         low = (1 - b) * heights[i, j] + b * heights[i, j + 1]
@@ -120,7 +120,7 @@ def _between(points, heights):  # type: ignore[no-untyped-def]
 def _minima(points, heights):  # type: ignore[no-untyped-def]
     """Return the least height of points above a surface in each cell; infinity: it has none."""
     lowest = np.full((_CELLS, _CELLS), np.float32(np.inf))
-    above = points[:, 2] - _between(points, heights)
+    above = points[:, 2] - between(points, heights, _CELL_M)
     for k in range(len(points)):
         i, j = int(np.floor((points[k, 1] - _LOW) / _CELL_M)), int(np.floor((points[k, 0] - _LOW) / _CELL_M))
         if 0 <= i < _CELLS and 0 <= j < _CELLS:

@@ -13,6 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from coopsim.nn.detector.ground import between
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
 
@@ -34,7 +35,7 @@ def local_ground(points: NDArray[np.float32]) -> NDArray[np.float32]:
     """
     lowest = _lowest(np.ascontiguousarray(points[:: max(1, len(points) // _ENOUGH)]))
     heights = _smoothed(*_grown(lowest, _outwards(), *_first_slope(lowest)))
-    under: NDArray[np.float32] = _between(points, heights)
+    under: NDArray[np.float32] = between(points, heights, _CELL_M)
     return under
 
 
@@ -153,17 +154,3 @@ def _smoothed(known, weight, slopes):  # type: ignore[no-untyped-def]
         for j in range(_CELLS):
             heights[i, j] = _plane(known, weight, i, j, slopes[i, j, 0], slopes[i, j, 1])[0]
     return heights
-
-
-@njit(cache=True, nogil=True)
-def _between(points, heights):  # type: ignore[no-untyped-def]
-    """Return the height (P,) of the ground at points, between the middles of cells."""
-    out = np.empty(len(points), np.float32)
-    for k in range(len(points)):
-        row = min(max((points[k, 1] - _LOW) / _CELL_M - 0.5, 0.0), _CELLS - 1.001)
-        column = min(max((points[k, 0] - _LOW) / _CELL_M - 0.5, 0.0), _CELLS - 1.001)
-        i, j = int(row), int(column)
-        a, b = row - i, column - j
-        low = (1 - b) * heights[i, j] + b * heights[i, j + 1]
-        out[k] = (1 - a) * low + a * ((1 - b) * heights[i + 1, j] + b * heights[i + 1, j + 1])
-    return out

@@ -14,6 +14,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from coopsim.nn.detector.encoder import batch_normed
+
 NEIGHBORS = 9
 """Places of a 3 x 3 convolution."""
 
@@ -135,20 +137,10 @@ class SparseConv(nn.Module):
             numbers = torch.get_autocast_dtype(x.device.type)
             x, weight = x.to(numbers), weight.to(numbers)
         if self.bias is None:
-            made = self._normed(_GatheredProduct.apply(x, weight, table, back))  # type: ignore[no-untyped-call]
+            made = batch_normed(self.norm, _GatheredProduct.apply(x, weight, table, back))  # type: ignore[no-untyped-call]
         else:
             made = _folded_product(x, weight, table, self.bias)
         return functional.relu(made if added is None else made + added)
-
-    def _normed(self, made: Tensor) -> Tensor:
-        """Return rows, normalized; one alone has no statistics, and takes those of earlier ones."""
-        if len(made) < 2 and self.training:
-            norm: Any = self.norm
-            return functional.batch_norm(
-                made, norm.running_mean, norm.running_var, norm.weight, norm.bias, eps=norm.eps
-            )
-        normed: Tensor = self.norm(made)
-        return normed
 
     def fold(self) -> None:
         """Make the normalisation part of the weight: for inference alone."""

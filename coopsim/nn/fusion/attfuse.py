@@ -30,9 +30,6 @@ class AttFuse(FeatureFusion):
         features: number of channels; any.
     """
 
-    def __init__(self, features: int = 64) -> None:
-        super().__init__()
-
     def fuse(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, context: FusionContext) -> Tensor:
         """Fuse; see `FeatureFusion.forward`."""
         weights = self.weights(likeness(own, others), own_mask, mask, context)

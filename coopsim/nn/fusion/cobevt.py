@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from coopsim.nn.attention import WindowAttention, feed_forward
 from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext, Patches, start_as_zeros
-from coopsim.support.checks import require_choice, require_count
+from coopsim.support.checks import require_choice
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +48,7 @@ class CoBEVT(FeatureFusion):
     """
 
     def __init__(self, features: int = 64, *, size: str = "small") -> None:
-        super().__init__()
-        require_count(1, features=features)
+        super().__init__(features)
         require_choice("size", size, _SIZES)
         chosen = _SIZES[size]
         self.patches = Patches(features, chosen.width, chosen.stride, _WINDOW)

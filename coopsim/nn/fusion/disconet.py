@@ -12,7 +12,7 @@ from torch import Tensor
 
 from coopsim.nn.attention import PairWeights
 from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext, weighted_sum
-from coopsim.support.checks import require_choice, require_count
+from coopsim.support.checks import require_choice
 
 _HIDDEN = {"small": (64, 16), "reference": (128, 32, 8)}
 """Widths of the hidden layers, by size; the reference is the paper's."""
@@ -39,8 +39,7 @@ class DiscoNet(FeatureFusion):
     """
 
     def __init__(self, features: int = 64, *, size: str = "small") -> None:
-        super().__init__()
-        require_count(1, features=features)
+        super().__init__(features)
         require_choice("size", size, _HIDDEN)
         self.compare = PairWeights(features, _HIDDEN[size])
 

@@ -21,9 +21,6 @@ class FCooper(FeatureFusion):
         features: number of channels; any.
     """
 
-    def __init__(self, features: int = 64) -> None:
-        super().__init__()
-
     def fuse(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, context: FusionContext) -> Tensor:
         """Fuse; see `FeatureFusion.forward`."""
         for values, valid in zip(others, mask.to(others.dtype), strict=True):

@@ -20,6 +20,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from coopsim.errors import UnknownNameError
+from coopsim.support.checks import require_count
 from coopsim.support.registry import Registry
 from coopsim.support.user_code import class_at
 
@@ -86,11 +87,18 @@ class FeatureFusion(nn.Module, ABC):
 
     Attributes:
         surest: () factor on confidences that `weights` adds to the logits of agents; None: nothing is added.
+
+    Args:
+        features: number of channels.
+
+    Raises:
+        InvalidValueError: it is not positive.
     """
 
     surest: nn.Parameter | None
 
-    def __init__(self) -> None:
+    def __init__(self, features: int = 64) -> None:
+        require_count(1, features=features)
         super().__init__()
         self.register_parameter("surest", None)
 

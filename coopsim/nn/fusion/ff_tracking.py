@@ -29,7 +29,7 @@ class FFTracking(FeatureFusion):
     """
 
     def __init__(self, features: int = 64) -> None:
-        super().__init__()
+        super().__init__(features)
         self.convolve = start_as_zeros(nn.Conv2d(2 * features, features, 1))
 
     def fuse(self, own: Tensor, own_mask: Tensor, others: Tensor, mask: Tensor, context: FusionContext) -> Tensor:

@@ -46,8 +46,7 @@ class Pyramid(FeatureFusion):
     """
 
     def __init__(self, features: int = 64, *, levels: int = 3) -> None:
-        super().__init__()
-        require_count(1, features=features)
+        super().__init__(features)
         require_count(1, 8, levels=levels)
         self.believe = nn.ModuleList(nn.Conv2d(features, 1, 1) for _ in range(levels))
         for head in self.believe:

@@ -40,8 +40,7 @@ class V2VNet(FeatureFusion):
     """
 
     def __init__(self, features: int = 64, *, size: str = "small", rounds: int | None = None) -> None:
-        super().__init__()
-        require_count(1, features=features)
+        super().__init__(features)
         require_choice("size", size, _ROUNDS)
         self.rounds = _ROUNDS[size] if rounds is None else rounds
         require_count(1, 16, rounds=self.rounds)

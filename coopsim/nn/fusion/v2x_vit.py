@@ -13,7 +13,7 @@ from torch.nn import functional
 
 from coopsim.nn.attention import MASKED, DelayCode, WindowAttention, feed_forward
 from coopsim.nn.fusion.feature_fusion import FUSIONS, FeatureFusion, FusionContext, Patches, start_as_zeros
-from coopsim.support.checks import require_choice, require_count
+from coopsim.support.checks import require_choice
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +56,7 @@ class V2XViT(FeatureFusion):
     """
 
     def __init__(self, features: int = 64, *, size: str = "small") -> None:
-        super().__init__()
-        require_count(1, features=features)
+        super().__init__(features)
         require_choice("size", size, _SIZES)
         chosen = _SIZES[size]
         self.patches = Patches(features, chosen.width, chosen.stride, max(chosen.windows))

@@ -46,8 +46,7 @@ class Where2comm(FeatureFusion):
     """
 
     def __init__(self, features: int = 64, *, depth: int = 32, smooth_cells: float = 0.0) -> None:
-        super().__init__()
-        require_count(1, features=features)
+        super().__init__(features)
         require_count(1, 1024, depth=depth)
         require_between(0, 8, smooth_cells=smooth_cells)
         self.depth, self.smooth_cells = depth, smooth_cells

@@ -27,11 +27,57 @@ from coopsim.types import BevGrid, Detections, SensorView
 from coopsim.types.estimates import diagonals
 
 
-class CloudDetector:
-    """Run a `DetectorNet` on clouds of points, of one agent or several.
+class FrameDetector:
+    """Run an encoder and a head on what agents' sensors gave.
 
     Attributes:
-        sweeps: number of sweeps that it was trained on.
+        sweeps: number of sweeps that the encoder was trained on.
+
+    Args:
+        encoder: encoder of an agent's sensor data.
+        head: head on its features.
+        cell_m: edge of a cell of the encoder's canvas.
+        backend: device and arithmetic.
+    """
+
+    sweeps = 1
+
+    def __init__(
+        self, encoder: SensorEncoder, head: CentreHead | JudgedHead, cell_m: float, backend: Backend = PROCESSOR
+    ) -> None:
+        self._encoder, self._head = encoder, backend.place(folded(head))
+        self._cell_m, self._backend = STRIDE * cell_m, backend
+
+    def _found(self, frame: SensedFrame, region_m: tuple[float, float], least_score: float) -> Detections:
+        """Return the detections of one agent in a region of its base frame, in the axes of its frame."""
+        region = compass_region(region_m, frame.heading_rad, self._cell_m)
+        with self._backend.inference():
+            return self._decoded(region, least_score, [frame])[0][0]
+
+    def _around(self, frames: Sequence[SensedFrame], reach_m: float, least_score: float) -> list[Detections]:
+        """Return the detections of A agents, in a square of +-`reach_m` around each."""
+        region = compass_region((reach_m, reach_m), 0.0, self._cell_m)
+        return self._backend.map(partial(self._detect, region, least_score), frames)
+
+    def _detect(self, region: BevGrid, least_score: float, frames: Sequence[SensedFrame]) -> list[Detections]:
+        with self._backend.inference():
+            return self._decoded(region, least_score, frames)[0]
+
+    def _decoded(
+        self, region: BevGrid, least_score: float, frames: Sequence[SensedFrame]
+    ) -> tuple[list[Detections], Tensor]:
+        """Return each frame's detections and the features (A, C, H, W) that they were found in.
+
+        Velocities are known where a network on two sweeps is given two.
+        """
+        canvas = BevGrid(region.x_m, region.y_m, region.cell_m / STRIDE)
+        features = encode_frames(frames, [canvas] * len(frames))
+        moving = [self.sweeps > 1 and bool((frame.points[:, 4] > 0).any()) for frame in frames]
+        return decode(self._head, features, region, least_score=least_score, moving=moving), features
+
+
+class CloudDetector(FrameDetector):
+    """Run a `DetectorNet` on clouds of points, of one agent or several.
 
     Args:
         net: the network.
@@ -40,9 +86,9 @@ class CloudDetector:
     """
 
     def __init__(self, net: DetectorNet, backend: Backend = PROCESSOR, covariance: CovarianceNet | None = None) -> None:
-        self._encoder, self._head = PointEncoder(net, backend), backend.place(folded(net.head))
-        self._covariance, self._backend = covariance, backend
-        self._cell_m, self.sweeps = STRIDE * net.config.cell_m, net.config.sweeps
+        encoder = PointEncoder(net, backend)
+        super().__init__(encoder, net.head, net.config.cell_m, backend)
+        self._frame, self._covariance, self.sweeps = partial(SensedFrame, encoder), covariance, net.config.sweeps
 
     def detect(
         self, points: NDArray[np.float32], region_m: tuple[float, float], heading_rad: float, least_score: float
@@ -55,8 +101,7 @@ class CloudDetector:
             heading_rad: the heading.
             least_score: smallest score of a detection.
         """
-        region = compass_region(region_m, heading_rad, self._cell_m)
-        return self._detect(region, least_score, [points])[0]
+        return self._found(self._frame(points, heading_rad=heading_rad), region_m, least_score)
 
     def detect_around(
         self, clouds: Sequence[NDArray[np.float32]], reach_m: float, least_score: float
@@ -65,9 +110,7 @@ class CloudDetector:
 
         They have velocities where a network on two sweeps is given two.
         """
-        detect = self._detect if self._covariance is None else self._detect_with_covariance
-        region = compass_region((reach_m, reach_m), 0.0, self._cell_m)
-        return self._backend.map(partial(detect, region, least_score), clouds)
+        return self._around([self._frame(points) for points in clouds], reach_m, least_score)
 
     def detect_patches(
         self, points: NDArray[np.float32], reach_m: float, least_score: float
@@ -75,51 +118,35 @@ class CloudDetector:
         """Return the N detections around one agent, as `detect_around`, and their `box_patches` (N, 9 C)."""
         region = compass_region((reach_m, reach_m), 0.0, self._cell_m)
         with self._backend.inference():
-            return self._seen(region, least_score, [points])[0]
+            return self._seen(region, least_score, [self._frame(points)])[0]
 
-    def _detect(self, region: BevGrid, least_score: float, clouds: Sequence[NDArray[np.float32]]) -> list[Detections]:
+    def _detect(self, region: BevGrid, least_score: float, frames: Sequence[SensedFrame]) -> list[Detections]:
+        if self._covariance is None:
+            return super()._detect(region, least_score, frames)
         with self._backend.inference():
-            features = self._features(region, clouds)
-            return decode(self._head, features, region, least_score=least_score, moving=self._moving(clouds))
+            seen = self._seen(region, least_score, frames)
+        return [self._judged(self._covariance, *each) for each in seen]
 
-    def _moving(self, clouds: Sequence[NDArray[np.float32]]) -> list[bool]:
-        """Return for each cloud whether the network sees in it how objects move: it has two sweeps."""
-        return [self.sweeps > 1 and bool((points[:, 4] > 0).any()) for points in clouds]
-
-    def _detect_with_covariance(
-        self, region: BevGrid, least_score: float, clouds: Sequence[NDArray[np.float32]]
-    ) -> list[Detections]:
-        with self._backend.inference():
-            seen = self._seen(region, least_score, clouds)
-        return [self._judged(*each) for each in seen]
-
-    def _judged(self, found: Detections, patches: Floats) -> Detections:
-        assert self._covariance is not None
-        looks = patches if self._covariance.config.features else None
-        variance = self._covariance.variances(own_numbers(found.boxes.array, found.score), looks)
-        return replace(found, covariance=diagonals(variance))
+    def _judged(self, net: CovarianceNet, found: Detections, patches: Floats) -> Detections:
+        looks = patches if net.config.features else None
+        return replace(found, covariance=diagonals(net.variances(own_numbers(found.boxes.array, found.score), looks)))
 
     def _seen(
-        self, region: BevGrid, least_score: float, clouds: Sequence[NDArray[np.float32]]
+        self, region: BevGrid, least_score: float, frames: Sequence[SensedFrame]
     ) -> list[tuple[Detections, Floats]]:
-        features = self._features(region, clouds)
-        found = decode(self._head, features, region, least_score=least_score, moving=self._moving(clouds))
+        found, features = self._decoded(region, least_score, frames)
         boxes = [self._backend.put(torch.from_numpy(each.boxes.array)) for each in found]
         patches = [box_patches(*each, region) for each in zip(features.float(), boxes, strict=True)]
         return list(zip(found, (each.numpy(force=True) for each in patches), strict=True))
 
-    def _features(self, region: BevGrid, clouds: Sequence[NDArray[np.float32]]) -> Tensor:
-        pillars = BevGrid(region.x_m, region.y_m, region.cell_m / STRIDE)
-        frames = [SensedFrame(self._encoder, points) for points in clouds]
-        return self._encoder.encode(frames, [pillars] * len(clouds))
 
-
-class CloudAndPicturesDetector:
+class CloudAndPicturesDetector(FrameDetector):
     """Run a `PointsAndPicturesNet` on a cloud of points, of one agent or several, and on an agent's pictures."""
 
     def __init__(self, net: PointsAndPicturesNet, backend: Backend = PROCESSOR) -> None:
-        self._encoder, self._head = BothEncoder(net, backend), backend.place(folded(net.head))
-        self._cell_m, self._backend = STRIDE * net.config.pictures.cell_m, backend
+        encoder = BothEncoder(net, backend)
+        super().__init__(encoder, net.head, net.config.pictures.cell_m, backend)
+        self._frame = partial(SensedFrame, encoder)
 
     def detect(
         self,
@@ -133,39 +160,15 @@ class CloudAndPicturesDetector:
 
         All points measure depths in the pictures: those of other agents, too.
         """
-        region = compass_region(region_m, heading_rad, self._cell_m)
-        canvas = BevGrid(region.x_m, region.y_m, region.cell_m / STRIDE)
         depth_points_m = turned(points, -heading_rad)[:, :3]
-        frame = SensedFrame(self._encoder, points, pictures, depth_points_m, heading_rad)
-        with self._backend.inference():
-            features = self._encoder.encode([frame], [canvas])
-            return decode(self._head, features, region, least_score=least_score)[0]
+        return self._found(self._frame(points, pictures, depth_points_m, heading_rad), region_m, least_score)
 
 
-class ViewDetector:
-    """Run an encoder and a head on agents' sensor data.
-
-    Args:
-        encoder: encoder of an agent's sensor data.
-        head: head on its features.
-        cell_m: edge of a cell of the encoder's canvas.
-        backend: device and arithmetic.
-    """
-
-    def __init__(
-        self, encoder: SensorEncoder, head: CentreHead | JudgedHead, cell_m: float, backend: Backend = PROCESSOR
-    ) -> None:
-        self._encoder, self._head = encoder, backend.place(folded(head))
-        self._cell_m, self._backend = STRIDE * cell_m, backend
+class ViewDetector(FrameDetector):
+    """Run an encoder and a head on agents' sensor data."""
 
     def detect_around(self, views: Sequence[SensorView], reach_m: float, least_score: float) -> list[Detections]:
         """Return the detections of A agents, in a square of +-`reach_m` around each, in base frames."""
-        region = compass_region((reach_m, reach_m), 0.0, self._cell_m)
         # Without a pose, the axes are those of the base frame.
         frames = [self._encoder.take(replace(view, pose=None)) for view in views]
-        return self._backend.map(partial(self._detect, region, least_score), frames)
-
-    def _detect(self, region: BevGrid, least_score: float, frames: Sequence[SensedFrame]) -> list[Detections]:
-        canvas = BevGrid(region.x_m, region.y_m, region.cell_m / STRIDE)
-        with self._backend.inference():
-            return decode(self._head, encode_frames(frames, [canvas] * len(frames)), region, least_score=least_score)
+        return self._around(frames, reach_m, least_score)

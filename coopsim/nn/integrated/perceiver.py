@@ -16,8 +16,8 @@ from coopsim.nn.inference.backend import PROCESSOR, Backend
 from coopsim.nn.inference.encoders import folded
 from coopsim.nn.integrated.encoder import PriorMap
 from coopsim.nn.integrated.integrated_net import IntegratedNet, turned_around
-from coopsim.nn.queries.instances import UNNUMBERED, Instances, corrected_velocity
-from coopsim.nn.queries.perceiver import detections_of, peaks_of
+from coopsim.nn.queries.instances import Instances, corrected_velocity
+from coopsim.nn.queries.perceiver import QueryState, detections_of, peaks_of
 from coopsim.nn.queries.query_net import kept_instances
 from coopsim.tracking.cascade import Cascade
 from coopsim.tracking.lifecycle import Lifecycle
@@ -85,10 +85,7 @@ class TrackRules:
         born[torch.from_numpy(pairs[1]).to(born.device)] = False
         tracks = updated_tracks(predicted, detected, pairs, born, dt_s)
         alive = torch.from_numpy(self.lifecycle.alive(for_association(tracks))).to(born.device)
-        tracks = tracks[alive].surest(self.most)
-        new = tracks.number == UNNUMBERED
-        number = torch.where(new, next_number + torch.cumsum(new, 0) - 1, tracks.number)
-        return replace(tracks, number=number), next_number + int(new.sum())
+        return tracks[alive].surest(self.most).numbered(next_number)
 
     def reported(self, tracks: Instances, frame: int) -> Mask:
         """Return which tracks to report (N,); `frame` is the number of this frame, from 1."""
@@ -109,31 +106,18 @@ def for_association(tracks: Instances) -> TrackStates:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class IntegratedState:
-    """State of an agent after a frame.
+class IntegratedState(QueryState):
+    """State of an agent after a frame; its instances are tracks, without numbers where another tracker tracks.
 
     Attributes:
-        time_ns: time of the frame.
-        odom_SE3_compass: the agent's compass frame then, in its odometry frame.
         prior: downsampled map.
         detected: objects of the detection branch, without duplicates.
-        tracks: objects with numbers; none, where another tracker tracks.
         frame: number of the frame, from 1.
-        next_number: number of the next new track.
     """
 
-    time_ns: int
-    odom_SE3_compass: SE3
     prior: PriorMap
     detected: Instances
-    tracks: Instances
     frame: int
-    next_number: int
-
-    def at(self, time_ns: int, odom_SE3_compass: SE3) -> Instances:
-        """Return the tracks in the agent's compass frame at a later time, moved on by their velocities."""
-        later = self.tracks.advanced((time_ns - self.time_ns) / NS_PER_S)
-        return later.moved(odom_SE3_compass.inverse().compose(self.odom_SE3_compass))
 
 
 class IntegratedPerceiver:
@@ -166,7 +150,7 @@ class IntegratedPerceiver:
             peaks = peaks_of(self._net, self._head, fused[None], grid)
             if before is not None:
                 compass_SE3_before = odom_SE3_compass.inverse().compose(before.odom_SE3_compass)
-                tracks, prior = before.tracks.moved(compass_SE3_before), before.prior.moved(compass_SE3_before)
+                tracks, prior = before.instances.moved(compass_SE3_before), before.prior.moved(compass_SE3_before)
                 dt_s, frame = (time_ns - before.time_ns) / NS_PER_S, before.frame + 1
                 next_number = before.next_number
             with torch.autocast(self._backend.device.type, enabled=False):
@@ -174,4 +158,4 @@ class IntegratedPerceiver:
             detected, tracks = kept_instances(step.detected), step.predicted
             if self._rules is not None:
                 tracks, next_number = self._rules.step(step.predicted, detected, dt_s, next_number)
-        return IntegratedState(time_ns, odom_SE3_compass, step.prior, detected, tracks, frame, next_number)
+        return IntegratedState(time_ns, odom_SE3_compass, tracks, next_number, step.prior, detected, frame)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
-
 import torch
 from torch import Tensor, nn
 
-from coopsim.nn.attention import MASKED, feed_forward
+from coopsim.nn.attention import MASKED, feed_forward, normed_layers
 from coopsim.nn.fusion.feature_fusion import start_as_zeros
 
 _NEAR_M = 10.0
@@ -71,10 +69,7 @@ class AmongInstances(nn.Module):
 
 def mlp(*widths: int) -> nn.Sequential:
     """Return linear layers, each but the last followed by a layer normalisation and a ReLU."""
-    layers: list[nn.Module] = []
-    for before, after in itertools.pairwise(widths[:-1]):
-        layers += [nn.Linear(before, after), nn.LayerNorm(after), nn.ReLU()]
-    return nn.Sequential(*layers, nn.Linear(widths[-2], widths[-1]))
+    return nn.Sequential(*normed_layers(*widths[:-1]), nn.Linear(widths[-2], widths[-1]))
 
 
 _WAVES = 8

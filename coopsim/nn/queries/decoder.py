@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from coopsim.nn.attention import normed_layers
 from coopsim.nn.covariance.covariance_net import PLACES, box_patches
 from coopsim.nn.detector.detector_net import size_priors
 from coopsim.nn.fusion.feature_fusion import start_as_zeros
@@ -22,8 +23,8 @@ class MotionFeatures(nn.Module):
 
     def __init__(self, width: int) -> None:
         super().__init__()
-        self.corners, self.speed = _layers(3, width), _layers(4, width)
-        self.join = nn.Sequential(nn.Linear(2 * width, width), nn.LayerNorm(width), nn.ReLU())
+        self.corners, self.speed = (nn.Sequential(*normed_layers(inputs, width, width, width)) for inputs in (3, 4))
+        self.join = nn.Sequential(*normed_layers(2 * width, width))
 
     def forward(self, box: Tensor, velocity: Tensor) -> Tensor:
         """Return (K, width) of boxes (K, 7) and velocities (K, 2) m/s."""
@@ -39,13 +40,6 @@ def corners(box: Tensor) -> Tensor:
     x, y, z = (box[:, None, 3:6] * _CORNERS.to(box)).unbind(-1)
     cos, sin = box[:, 6:].cos(), box[:, 6:].sin()
     return torch.stack([cos * x - sin * y, sin * x + cos * y, z], dim=-1)
-
-
-def _layers(inputs: int, width: int) -> nn.Sequential:
-    layers: list[nn.Module] = []
-    for before in (inputs, width, width):
-        layers += [nn.Linear(before, width), nn.LayerNorm(width), nn.ReLU()]
-    return nn.Sequential(*layers)
 
 
 _FAR_M, _HIGH_M, _LOGIT, _FRAMES = 50.0, 2.0, 4.0, 4.0

@@ -108,6 +108,12 @@ class Instances:
             past_age_s=torch.cat([torch.zeros_like(self.past_age_s[:, :1]), self.past_age_s], dim=1)[:, :frames],
         )
 
+    def numbered(self, first: int) -> tuple[Instances, int]:
+        """Return the instances, those without a number numbered from `first` on, and the number after these."""
+        new = self.number == UNNUMBERED
+        number = torch.where(new, first + torch.cumsum(new, 0) - 1, self.number)
+        return replace(self, number=number), first + int(new.sum())
+
     def surest(self, most: int) -> Instances:
         """Return the `most` of the largest scores, in their order."""
         if len(self) <= most:

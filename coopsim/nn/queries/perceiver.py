@@ -20,9 +20,9 @@ from coopsim.nn.inference.backend import PROCESSOR, Backend, to_device
 from coopsim.nn.inference.canvas import canvas_around, compass_region, way_to_world_cells
 from coopsim.nn.inference.encoders import SensedFrame, encode_frames, folded
 from coopsim.nn.queries.cooptrack_fusion import ReceivedInstances, aligned_boxes
-from coopsim.nn.queries.instances import UNNUMBERED, Instances
+from coopsim.nn.queries.instances import Instances
 from coopsim.nn.queries.query_net import LEAST_SCORE, QueryNet, SeenMap, kept_instances
-from coopsim.types import NS_PER_S, BevGrid, Detections, InstanceQueries
+from coopsim.types import NS_PER_S, BevGrid, Detections, InstanceQueries, Tracks
 from coopsim.types.features import FAST_M_S
 from coopsim.types.valid_detections import FARTHEST_M
 
@@ -36,7 +36,12 @@ class QueryState:
     time_ns: int
     odom_SE3_compass: SE3
     instances: Instances
-    next_number: int = 0
+    next_number: int
+
+    def at(self, time_ns: int, odom_SE3_compass: SE3) -> Instances:
+        """Return the instances in the agent's compass frame at a later time, moved on by their velocities."""
+        later = self.instances.advanced((time_ns - self.time_ns) / NS_PER_S)
+        return later.moved(odom_SE3_compass.inverse().compose(self.odom_SE3_compass))
 
 
 class QueryPerceiver:
@@ -85,16 +90,11 @@ class QueryPerceiver:
                 dt_s = (time_ns - before.time_ns) / NS_PER_S
             step = self._net(known, dt_s, seen, received, least_affinity=least_affinity)
             found = kept_instances(step.instances)
-        return _numbered(found, time_ns, odom_SE3_compass, 0 if before is None else before.next_number)
+        return QueryState(time_ns, odom_SE3_compass, *found.numbered(0 if before is None else before.next_number))
 
     def nothing(self) -> Instances:
         """Return no instances."""
         return self._net.nothing()
-
-    def carried(self, memory: QueryState, time_ns: int, odom_SE3_compass: SE3) -> Instances:
-        """Return what an agent knew after a frame, in its compass frame at a later time, moved on by velocities."""
-        later = memory.instances.advanced((time_ns - memory.time_ns) / NS_PER_S)
-        return later.moved(odom_SE3_compass.inverse().compose(memory.odom_SE3_compass))
 
     def region(self, region_m: tuple[float, float], heading_rad: float, position_m: Floats) -> BevGrid:
         """Return the world's cells around a region of an agent's base frame, see `compass_region`."""
@@ -203,8 +203,16 @@ def detections_of(known: Instances) -> Detections:
     return Detections(boxes, known.score.double().numpy(force=True), known.label.numpy(force=True))
 
 
-def _numbered(found: Instances, time_ns: int, odom_SE3_compass: SE3, first: int) -> QueryState:
-    """Return what is known, with numbers from `first` on for what has none."""
-    new = found.number == UNNUMBERED
-    number = torch.where(new, first + torch.cumsum(new, 0) - 1, found.number)
-    return QueryState(time_ns, odom_SE3_compass, replace(found, number=number), first + int(new.sum()))
+def tracks_of(known: Instances, found: Detections, base_SE3_compass: SE3) -> Tracks:
+    """Return instances as tracks in the base frame.
+
+    Args:
+        known: the instances, in the compass frame.
+        found: those to report, in the base frame, each with its row in `known` as the one number of its embedding.
+        base_SE3_compass: the turn between the frames.
+    """
+    if found.embedding is None:
+        return Tracks.empty()
+    rows = found.embedding[:, 0].astype(np.int64)
+    velocity = base_SE3_compass.rotate_planar(known.velocity.double().numpy(force=True)[rows])
+    return Tracks(known.number.numpy(force=True)[rows], found.boxes, velocity, found.score, found.label)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -67,6 +67,18 @@ def test_the_same_car_seen_by_both_is_one_car(name: str) -> None:
     heard = message("cav_1", 0, [0, 0, 0, 0], detections((20, 0.3, 0), (40, 0, 0)), policy.needs.uplink)
     found = first_report(policy, observe(detections((20, 0, 0)), heard))
     assert sorted(found.boxes.center[:, 0].round().tolist()) == [20, 40]
+
+
+def test_a_row_has_its_own_weights_and_the_parameters_of_its_base() -> None:
+    from coopsim.agents.learned_fusion import LearnedFusion
+    from coopsim.agents.maps import AttFusion, FCooperFusion
+
+    names = [field.name for field in fields(LearnedFusion)]
+    for row, name in ((AttFusion, "attfuse"), (FCooperFusion, "fcooper")):
+        assert coopsim.POLICIES.get(name) is row and row.weights == name
+        assert [field.name for field in fields(row)] == names
+        assert {field.name: field.default for field in fields(row)}["weights"] == name
+    assert LearnedFusion.weights == "pillars"
 
 
 def test_which_boxes_cover_a_point() -> None:

@@ -8,6 +8,7 @@ from coopsim.learn.clips.clip import AgentScene, Clip, Scene
 from coopsim.learn.samples.cloud_samples import SampleSettings, collate_detector, detector_samples
 from coopsim.learn.samples.sample_frames import boxes_in, mirror, moved, noisy, rotated, sweeps_of, tilt
 from coopsim.nn.detector.decode import cell_centers
+from coopsim.nn.detector.encoder import EncoderConfig
 from coopsim.types import BevGrid
 
 CORNERS = np.array([[x, y, z] for x in (-0.4, 0.4) for y in (-0.4, 0.4) for z in (-0.6, 0.0, 0.6)])
@@ -145,7 +146,7 @@ def test_objects_are_taught_by_the_points_that_are_left(points: int, taught: int
 def test_two_sweeps_tell_how_objects_move_and_one_does_not() -> None:
     settings = SampleSettings(thinned=0.0, merged=0.0, single=0.5, crop_cells=None)
     scenes = tuple(scene(seed=0, time_ns=k * 100_000_000) for k in range(12))
-    samples = detector_samples(Clip("pairs", 0.1, scenes), np.random.default_rng(0), settings, sweeps=2)
+    samples = detector_samples(Clip("pairs", 0.1, scenes), np.random.default_rng(0), settings, EncoderConfig(sweeps=2))
     aged = [bool((sample.pillars.features[:, 8] > 0).any()) for sample in samples]
     assert 0 < sum(aged) < len(aged) - 3
     for sample, two in zip(samples, aged, strict=True):

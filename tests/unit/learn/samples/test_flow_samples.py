@@ -15,15 +15,16 @@ from coopsim.learn.samples.flow_samples import FlowDraft, FlowSample  # noqa: E4
 from coopsim.learn.samples.fused_samples import scene_samples  # noqa: E402
 from coopsim.learn.weights import load_detector  # noqa: E402
 from coopsim.nn.cooperative.warp import warp  # noqa: E402
+from coopsim.nn.detector.encoder import EncoderConfig  # noqa: E402
 from coopsim.types import stack_xyz_yaw  # noqa: E402
 
 torch.set_num_threads(1)
-CLIP = clip_of_moving_agents(5)
+CLIP, COARSE = clip_of_moving_agents(5), EncoderConfig(2.4)
 
 
 def samples(seed: int = 0, **changed: object) -> list[FlowSample]:
     given = {"dropout": 0.0, "late": 1.0, "thinned": 0.0, "mirrored": 0.0, "reach_m": 76.8, **changed}
-    drawn = scene_samples(CLIP, np.random.default_rng(seed), SampleSettings(**given), 2.4, draft=FlowDraft)  # type: ignore[arg-type]
+    drawn = scene_samples(CLIP, np.random.default_rng(seed), SampleSettings(**given), COARSE, draft=FlowDraft)  # type: ignore[arg-type]
     assert len(drawn) == 5 and all(sample.scene.views for sample in drawn)
     return drawn
 
@@ -64,7 +65,7 @@ def test_late_maps_have_one_before_and_one_of_now() -> None:
 def test_errors_of_poses_do_not_come_between_a_senders_own_maps(mirrored: bool) -> None:
     """They turn and shift the frames of maps, which the sender knows."""
     settings = SampleSettings(noise_m=3.0, noise_deg=9.0, reach_m=57.6, mirrored=float(mirrored))
-    draft = FlowDraft(CLIP, 4, [0, 1], np.random.default_rng(4), settings, 2.4, 1, False)
+    draft = FlowDraft(CLIP, 4, [0, 1], np.random.default_rng(4), settings, COARSE)
     frames = [SE3.from_xyz_yaw(each[:3], each[3]) for each in (draft.frames[draft.row(k, 1)] for k in (1, 4))]
     true = stack_xyz_yaw(frames[0].inverse().compose(frames[1]))[[0, 1, 3]]
     assert abs(true[2]) > 0.01

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from coopsim.learn.losses.head_losses import head_loss
+from coopsim.learn.losses.head_losses import head_loss, sum_of
 from coopsim.learn.samples.targets import make_targets
 from coopsim.nn.covariance.covariance_net import box_patches
 from coopsim.nn.detector.box_judge import BoxJudge, patches_of
@@ -55,9 +55,9 @@ def trained(steps: int) -> tuple[JudgedHead, torch.Tensor, np.ndarray]:
     head = JudgedHead(16)
     adam = torch.optim.Adam(head.parameters(), lr=3e-3)
     for _ in range(steps):
-        losses = head_loss(head, features, targets)
+        loss = sum_of(head_loss(head, features, targets))
         adam.zero_grad()
-        losses["loss"].backward()
+        loss.backward()
         adam.step()
     return head.eval(), features, boxes
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 torch = pytest.importorskip("torch")
+from coopsim.errors import InvalidValueError  # noqa: E402
 from coopsim.nn.cooperative.warp import warp  # noqa: E402
 from coopsim.nn.fusion import FUSIONS, FeatureFusion, FusionContext  # noqa: E402
 from coopsim.nn.fusion.feature_fusion import masked_softmax  # noqa: E402
@@ -104,6 +105,12 @@ def test_masked_cells_have_no_effect(name: str) -> None:
     before = case.fused(fusion)
     case.others = torch.where(case.mask[:, None], case.others, 1e6)
     assert torch.allclose(case.fused(fusion), before, atol=1e-6)
+
+
+@each_fusion
+def test_no_channels_are_refused(name: str) -> None:
+    with pytest.raises(InvalidValueError, match="features must be"):
+        FUSIONS.get(name)(0)
 
 
 @each_fusion

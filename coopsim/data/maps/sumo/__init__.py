@@ -1,0 +1,1 @@
+"""Networks of SUMO, with the polygons that lie beside them."""
