@@ -41,10 +41,11 @@ types: $(VENV)/.dev
 
 check: lint types test
 
-# What only long runs show; then laws with more examples, and rooms with kernels, compiled anew with indices checked.
+# What only long runs show, with workers that start as users' do; then laws with more examples, and rooms with kernels,
+# compiled anew with indices checked.
 check-long: export OMP_NUM_THREADS := 1
 check-long: $(VENV)/.dev
-	$(BIN)/python -m pytest -m long --numprocesses $(TEST_PROCESSES) --dist worksteal
+	$(BIN)/python -m pytest -m long --start-anew --numprocesses $(TEST_PROCESSES) --dist worksteal
 	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/build/checked_kernels $(BIN)/python -m pytest $(KERNEL_ROOMS) tests/property \
 		--hypothesis-profile thorough --numprocesses $(TEST_PROCESSES) --dist worksteal
 

@@ -6,7 +6,7 @@
 
 A mutant is the library with one operator, number, truth value or function (min, max...) replaced; a test that fails
 kills it. All happens in a copy of the tracked files; the working tree stays as it is. Per mutant these tests run, until
-one fails: those that import the changed module, other unit tests of its room (in nn and learn of its folder) and, with
+one fails: those that import the changed module, other unit tests of its room (of its folder, in large rooms) and, with
 --conformance, its conformance tests. If a kernel may hold the change, Python runs all kernels, which takes
 no time to compile, knows no stale kernel and checks each index.
 
@@ -38,15 +38,25 @@ from pathlib import Path
 from tabulate import tabulate
 
 ROOT = Path(__file__).parents[1]
-ROOMS = ("metrics", "tracking", "fusion", "comms", "nn", "learn")
+ROOMS = (
+    "metrics", "tracking", "fusion", "comms", "nn", "learn",
+    "envs", "wire", "world", "bench", "attacks", "defenses", "planning", "interfaces",
+)  # fmt: skip
 CONFORMANCE = {
     "metrics": ("test_every_metric",),
     "tracking": ("test_every_policy",),
     "fusion": ("test_every_policy",),
     "comms": ("test_every_codec", "test_every_uplink"),
     "nn": ("test_every_fusion", "test_every_learned_policy"),
+    "envs": ("test_environments",),
+    "attacks": ("test_every_attack",),
+    "defenses": ("test_every_defense",),
+    "planning": ("test_every_planner",),
+    "interfaces": ("test_every_attack", "test_every_defense", "test_every_planner"),
 }
-BY_FOLDER = ("nn", "learn")  # large rooms, whose folders have little to do with each other
+BY_FOLDER = ("nn", "learn", "world", "bench")  # large rooms, whose folders have little to do with each other
+BY_COMMANDS = {"attacks": "test_*attack*.py", "interfaces": "test_*attack*.py"}
+"""Tests of `tests/integration` that stand for the unit tests of a room, by the pattern of their names."""
 
 OPERATORS: dict[type[ast.AST], type[ast.AST]] = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
@@ -155,6 +165,7 @@ def tests_of(root: Path, mutant: Mutant, conformance: bool) -> list[list[str]]:
     names = re.compile(rf"{re.escape(dotted)}\b")
     near = {path for path in unit.rglob("test_*.py") if names.search(path.read_text())}
     room = set(unit.joinpath(*parts).rglob("test_*.py")) - near
+    room |= set((root / "tests" / "integration").glob(BY_COMMANDS.get(mutant.room, "none")))
     whole = [root / f"tests/conformance/{each}.py" for each in CONFORMANCE.get(mutant.room, ()) if conformance]
     stages = (sorted(near), sorted(room), whole)
     return [[str(path.relative_to(root)) for path in stage] for stage in stages if stage]

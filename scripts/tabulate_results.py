@@ -28,8 +28,8 @@ from tabulate import tabulate
 
 from coopsim.bench.detect.detect import EVERYWHERE
 from coopsim.bench.grid.labels import varying_axes
-from coopsim.bench.report.bench_text import form_of
 from coopsim.bench.results.statistics import mean_interval
+from coopsim.bench.text.forms import form_of
 from coopsim.catalog import PolicySpec
 from coopsim.cli.argument_types import names
 from coopsim.cli.arguments import stored_results

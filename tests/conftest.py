@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from fork_server import quick_starts, started_anew  # noqa: F401  (fixtures)
 from held_times import HeldTimes
 from hypothesis import HealthCheck, settings
 from jobs_here import jobs_here  # noqa: F401  (a fixture)
@@ -29,6 +30,7 @@ settings.load_profile("patient")
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--hold-times", action="store_true", help="fail tests that compute for longer than tests may")
+    parser.addoption("--start-anew", action="store_true", help="start workers as users' are, not by a fork")
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -8,7 +8,9 @@ from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 
 from coopsim.bench.engine.engine import Engine
-from coopsim.bench.engine.job import Job, MetricSpec
+from coopsim.bench.engine.job import Job
+from coopsim.bench.films.choice import has_film
+from coopsim.bench.films.filmed_job import FilmedJob, film_jobs
 from coopsim.bench.grid.axis import ATTACKS, LATENCY, POLICY, RATE
 from coopsim.bench.grid.cell import (
     Cell,
@@ -24,6 +26,7 @@ from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.paper.provenance import Provenance
 from coopsim.bench.run_jobs import Progress, run_jobs
 from coopsim.bench.store.fingerprint import Sources
+from coopsim.bench.store.metric_spec import MetricSpec
 from coopsim.bench.store.store import Store
 from coopsim.catalog import NAMESPACE, PolicySpec, newest
 from coopsim.errors import InvalidValueError, StoreError, UnknownNameError
@@ -36,6 +39,8 @@ def benchmark(
     *,
     engine: Engine | None = None,
     retry_failed: bool = False,
+    films: bool = False,
+    retry_unfilmed: bool = False,
     command: str = "",
     isolation: Isolation = Isolation(),  # noqa: B008  (frozen)
     only: Collection[Cell] | None = None,
@@ -54,6 +59,8 @@ def benchmark(
         folder: folder of the store, made if need be.
         engine: runs the cells; None: processes of this machine, as many as cores.
         retry_failed: also run cells whose stored result is a traceback.
+        films: keep films of the runs, for the clips of a report: of those of `cells_to_film`, without a salt.
+        retry_unfilmed: also run cells again whose result is stored, and whose film is missing or broken.
         command: the command that gives the same numbers, kept in the store.
         isolation: separation of policies from the world.
         only: the cells to run; None: all of the grid.
@@ -72,10 +79,14 @@ def benchmark(
     sources = Sources()
     cells = grid.cells() if only is None else only
     jobs = [Job.of(cell, grid.options, policies[cell.policy], metrics, isolation, sources) for cell in cells]
+    if films and isolation.salt is None:  # a film shows the place, which a salt keeps secret
+        jobs = film_jobs(jobs)
     store.begin([job.key for job in jobs], Provenance.of(grid, command, isolation).as_data())
 
     def is_kept(job: Job, result: CellResult) -> bool:
-        return not (result.failed and retry_failed)
+        if result.failed:
+            return not retry_failed
+        return not (retry_unfilmed and isinstance(job, FilmedJob)) or has_film(result)
 
     results = run_jobs(jobs, engine, store, is_kept=is_kept, on_progress=on_progress, on_broken=on_broken)
     return [results[job.key] for job in jobs]

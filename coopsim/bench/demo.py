@@ -8,18 +8,19 @@ from pathlib import Path
 from typing import Any
 
 import coopsim
-from coopsim.bench.engine.job import result_of
+from coopsim.bench.engine.result_of import result_of
 from coopsim.bench.evaluate import Evaluation, evaluate
+from coopsim.bench.films.film import Film, Filming, Rows
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.grid.policies import arithmetic_of
 from coopsim.bench.report.bench_report import About, write_bench_report
-from coopsim.bench.report.scene import Film, Scene, SceneRun
+from coopsim.bench.report.scene import Scene, SceneRun
 from coopsim.bench.results.result_table import ResultTable, named
 from coopsim.catalog import PolicySpec
 from coopsim.episode import Episode, Recorder
 from coopsim.errors import EpisodeStateError
 from coopsim.provided import listening_env
-from coopsim.types import CameraImage, Tracks
+from coopsim.types import CameraImage
 
 _POINTS_SHOWN = 2500
 
@@ -61,7 +62,7 @@ class DemoRun:
         return {"policy": named(self.policy, bound=self.evaluation.bound), "latency": latency}
 
     @property
-    def tracks(self) -> list[Mapping[str, Tracks]]:
+    def tracks(self) -> list[Mapping[str, Rows]]:
         """The tracks of each frame, by reporting agent."""
         return [frame.tracks for frame in self.film.frames]
 
@@ -127,10 +128,10 @@ class Demo:
     def _run_one(self, policy: str, latency_s: float | None, tick: Callable[[], object]) -> DemoRun:
         """Run a policy. The first run films what all share: truth, points, and one moment through the cameras."""
         config, first = self.config, not self.runs
-        film, watch = Film(_POINTS_SHOWN if first else 0), _Watch(tick, config.frames // 2 + 1 if first else 0)
-        options = self._options(latency_s) | {"recorders": [film, watch]}
+        filming, watch = Filming(_POINTS_SHOWN if first else 0), _Watch(tick, config.frames // 2 + 1 if first else 0)
+        options = self._options(latency_s) | {"recorders": [filming, watch]}
         evaluation = evaluate(policy, config.environment, seed=config.seed, **options)
-        return DemoRun(policy, latency_s, evaluation, film, watch)
+        return DemoRun(policy, latency_s, evaluation, filming.film, watch)
 
     def _scene(self) -> Scene:
         film, watch = self.runs[0].film, self.runs[0].watch

@@ -10,10 +10,11 @@ from pathlib import Path
 
 from coopsim.bench.benchmark import check
 from coopsim.bench.detect.detect_plan import DetectPlan
-from coopsim.bench.engine.job import Job, MetricSpec, run_job
+from coopsim.bench.engine.job import Job, run_job
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.store.fingerprint import Sources
+from coopsim.bench.store.metric_spec import MetricSpec
 from coopsim.bench.store.store import CELLS, Store
 from coopsim.episode import Episode, Recorder
 from coopsim.support.processes import cores

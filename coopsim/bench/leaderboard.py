@@ -13,8 +13,9 @@ from tabulate import tabulate
 
 from coopsim.bench.evaluate import RecordingsEvaluation, evaluate_recordings, replay_keywords
 from coopsim.bench.isolated.isolation import Isolation
-from coopsim.bench.report.bench_text import METHODS_TITLE, columns, format_value, score_row
-from coopsim.bench.report.formats import to_csv_text
+from coopsim.bench.text.bench_text import METHODS_TITLE
+from coopsim.bench.text.forms import columns, format_value, to_csv_text
+from coopsim.bench.text.score_text import score_row
 from coopsim.catalog import PolicySpec
 from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.metrics.clear import RECALL_POINTS

@@ -66,9 +66,10 @@ def run_jobs(
     schedule = Schedule(job for job in jobs if job.key not in results)
     with closing((engine or Engine()).run(schedule)) as outcomes:
         for outcome in outcomes:
+            result = outcome.result
             if store is not None and not outcome.lost:
-                store.put(outcome.result, outcome.job.decided_by, outcome.circumstances)
-            results[outcome.job.key] = outcome.result
+                result = store.put(result, outcome.job.decided_by, outcome.circumstances, outcome.film)
+            results[outcome.job.key] = result
             schedule.learn(outcome)
             progress = replace(progress, done=progress.done + 1, left_s=schedule.left_s(), outcome=outcome)
             on_progress(progress)

@@ -81,6 +81,18 @@ def add_old_name(parser: argparse._ActionsContainer, old: str, new: argparse.Act
     parser.add_argument(old, action=_OldName, help=argparse.SUPPRESS, default=argparse.SUPPRESS, **like | changed)
 
 
+class _Unneeded(argparse.Action):
+    """An option that does nothing any more: says so."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+        print(f"coopsim: note: {option_string} is not needed: {self.metavar}", file=sys.stderr)
+
+
+def add_unneeded(parser: argparse._ActionsContainer, name: str, why: str) -> None:
+    """Accept a flag that does nothing any more for a release, with a notice that says why."""
+    parser.add_argument(name, action=_Unneeded, nargs=0, metavar=why, help=argparse.SUPPRESS, default=argparse.SUPPRESS)
+
+
 # fmt: off
 _FLAGS: Mapping[str, Mapping[str, Any]] = {
     "--seeds": {"type": seeds, "metavar": "0-4", "help": "an episode each"},

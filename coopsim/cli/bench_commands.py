@@ -18,6 +18,7 @@ from coopsim.cli.arguments import (
     add_flags,
     add_old_name,
     add_options,
+    add_unneeded,
     as_json,
     detector_option,
     named_options,
@@ -36,8 +37,7 @@ if TYPE_CHECKING:
 def _add_report(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("out", type=Path, metavar="FOLDER", help="of `coopsim bench`")
     add_flags(parser, "--all-grids")
-    trust = "run code again that the results name as module:Class or file.py:Class, for clips"
-    parser.add_argument("--trust", action="store_true", help=trust)
+    add_unneeded(parser, "--trust", "nothing is run any more")
     _add_outputs(parser)
 
 
@@ -46,7 +46,8 @@ def _add_outputs(parser: argparse._ActionsContainer) -> None:
     add = parser.add_argument
     of = "of leaderboards, LaTeX tables and figure; the first ranks"
     add("--metrics", type=names, default=(), metavar="A,B", help=of)
-    add("--clips", type=count_or_zero, default=5, help="of the worst moments (default: %(default)s)")
+    clips = "of the worst moments, lies and crashes, from films of the runs; 0: none are kept (default: %(default)s)"
+    add("--clips", type=count_or_zero, default=5, help=clips)
     add("--plots", action="store_true", help="write the curves of all metrics as SVG files, too")
     add_flags(parser, "--json", help="write means and intervals of each policy and condition here as well")
 
@@ -55,20 +56,20 @@ def _run_report(options: argparse.Namespace) -> int:
     from coopsim.bench.store.store import Store
 
     results = stored_results(options.out, all_grids=options.all_grids)
-    write_files(options.out, results, options, trust=options.trust)
+    write_files(options.out, results, options)
     asked = Store(options.out).asked()
     if len(results) < asked and not options.all_grids:
         print(f"{len(results)} of {asked} cells are in {options.out}; the command that began them goes on from there")
     return 0
 
 
-def write_files(folder: Path, results: Sequence[CellResult], options: argparse.Namespace, *, trust: bool) -> None:
-    """Write the files of a folder's results, and print the leaderboard and their paths; `trust` as of `publish`."""
+def write_files(folder: Path, results: Sequence[CellResult], options: argparse.Namespace) -> None:
+    """Write the files of a folder's results, and print the leaderboard and their paths."""
     from coopsim.bench.paper.provenance import Provenance
-    from coopsim.bench.report.bench_text import leaderboard_text, to_rows
     from coopsim.bench.report.publish import publish
     from coopsim.bench.results.result_table import ResultTable
     from coopsim.bench.store.store import Store
+    from coopsim.bench.text.bench_text import leaderboard_text, to_rows
 
     written = publish(
         folder,
@@ -77,7 +78,7 @@ def write_files(folder: Path, results: Sequence[CellResult], options: argparse.N
         metrics=options.metrics,
         clips=options.clips,
         with_plots=options.plots,
-        trust=trust,
+        on_note=lambda note: print(f"coopsim: {note}", file=sys.stderr),
     )
     table = ResultTable.of(results, options.metrics)
     print(leaderboard_text(table, options.metrics))
@@ -95,7 +96,10 @@ REPORT = Command(
 )
 
 
-_NO_NUMBER = {"--out": 1, "--workers": 1, "--engine": 1, "--address": 1, "--retry-failed": 0, "--json": 1}
+_NO_NUMBER = {
+    **dict.fromkeys(("--out", "--workers", "--engine", "--address", "--json"), 1),
+    **dict.fromkeys(("--retry-failed", "--retry-unfilmed"), 0),
+}
 """Flags that change no number, with how many words follow them: the command is noted without them."""
 
 
@@ -134,6 +138,7 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     add("--address", help="of a Ray cluster (default: RAY_ADDRESS, or this machine alone)")
     add_flags(how, "--isolate", "--salt-fd", "--dry-run")
     add("--retry-failed", action="store_true", help="run failed cells again")
+    add("--retry-unfilmed", action="store_true", help="run cells again that lack a film for --clips")
     _add_outputs(parser.add_argument_group("report"))
 
 
@@ -176,6 +181,8 @@ def _bench(options: argparse.Namespace, grid: Grid) -> int:
                 options.out,
                 engine=engine,
                 retry_failed=options.retry_failed,
+                films=options.clips > 0,
+                retry_unfilmed=options.retry_unfilmed,
                 command=without_flags(options.typed, _NO_NUMBER),
                 isolation=isolation,
                 on_progress=bar.show,
@@ -185,7 +192,7 @@ def _bench(options: argparse.Namespace, grid: Grid) -> int:
             stored = f"{bar.finished} of {len(grid)} cells are stored in {options.out}"
             bar.write(f"interrupted; {stored}, and the same command goes on from there")
             return INTERRUPTED
-    write_files(options.out, results, options, trust=True)  # the grid's policies, which have run already
+    write_files(options.out, results, options)
     failed = sum(result.failed for result in results) - bar.lost
     bar.tell_of_lost()
     if failed:
@@ -242,8 +249,8 @@ def _add_compare(parser: argparse.ArgumentParser) -> None:
 
 
 def _run_compare(options: argparse.Namespace) -> int:
-    from coopsim.bench.report.comparison_text import to_csv, to_dict, to_text
     from coopsim.bench.results.comparison import compare_results
+    from coopsim.bench.text.comparison_text import to_csv, to_dict, to_text
 
     paths = [path for path in (options.json, options.csv) if path is not None]
     if len({path.resolve() for path in paths}) < len(paths):

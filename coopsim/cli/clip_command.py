@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from coopsim.cli.argument_types import count, policy
-from coopsim.cli.arguments import Command, add_flags, add_options, named_options, stored_results
-from coopsim.errors import InvalidValueError
+from coopsim.cli.arguments import Command, add_flags, add_options, add_unneeded, named_options, stored_results
 
 if TYPE_CHECKING:
-    from coopsim.bench.safety.pairs import Pair
+    from coopsim.bench.films.recording import Recording
 
 _FIRST_SEEDS = tuple(range(1000, 1040))
 """Seeds that are tried where none is given: the first of those that results are made with."""
@@ -25,7 +24,7 @@ def _add_clip(parser: argparse.ArgumentParser) -> None:
     add("--seconds", type=count, default=30, help="length of the film (default: %(default)s)")
     add("--title", default="", help="default: situation and seed")
     add_flags(parser, "--all-grids")
-    add("--trust", action="store_true", help="run code that FOLDER names as module:Class or file.py:Class")
+    add_unneeded(parser, "--trust", "nothing is run any more")
     run = parser.add_argument_group("a situation", "runs it until one of the two crashes and the other does not")
     run.add_argument("--alone", type=policy, default="no_fusion", metavar="A", help="default: %(default)s")
     run.add_argument("--sharing", type=policy, default="late_fusion(delayed=replay)", metavar="B", help="%(default)s")
@@ -40,13 +39,9 @@ def _run_clip(options: argparse.Namespace) -> int:
 
     from coopsim.bench.safety.movie import FRAMES_PER_S, require_movie, write_movie
     from coopsim.bench.safety.pair_clip import PairClip
-    from coopsim.bench.safety.recording import record
 
     require_movie(options.out)
-    pair, rerun = _of_folder(options) if Path(options.of).is_dir() else _of_situation(options)
-    alone, sharing = (record(result, rerun) for result in (pair.alone, pair.sharing))
-    if isinstance(alone, str) or isinstance(sharing, str):
-        raise InvalidValueError(alone if isinstance(alone, str) else str(sharing))
+    alone, sharing = _of_folder(options) if Path(options.of).is_dir() else _of_situation(options)
     clip = PairClip(alone, sharing, float(options.seconds), options.title)
     rate = FRAMES_PER_S[options.out.suffix.lower()]
     frames = tqdm(clip.frames(rate), "film", options.seconds * rate, disable=None, leave=False)
@@ -56,26 +51,22 @@ def _run_clip(options: argparse.Namespace) -> int:
     return 0
 
 
-def _of_folder(options: argparse.Namespace) -> tuple[Pair, Any]:
-    from coopsim.bench.paper.provenance import Provenance
-    from coopsim.bench.report.publish import make_rerun
+def _of_folder(options: argparse.Namespace) -> tuple[Recording, Recording]:
+    from coopsim.bench.films.choice import film_of
+    from coopsim.bench.films.crash_pairs import find_pair
+    from coopsim.bench.films.recording import Recording
     from coopsim.bench.results.result_table import ResultTable
-    from coopsim.bench.safety.pairs import find_pair
-    from coopsim.bench.store.store import Store
 
-    folder = Path(options.of)
-    results = stored_results(folder, all_grids=options.all_grids)
-    origin = Provenance.from_data(Store(folder).provenance())
-    pair = find_pair(ResultTable.of(results), options.pair)
-    return pair, make_rerun(origin.grid.get("options", {}), origin.isolation, trust=options.trust)
+    pair = find_pair(ResultTable.of(stored_results(Path(options.of), all_grids=options.all_grids)), options.pair)
+    alone, sharing = (Recording.of(result.cell, film_of(result)) for result in (pair.alone, pair.sharing))
+    return alone, sharing
 
 
-def _of_situation(options: argparse.Namespace) -> tuple[Pair, Any]:
+def _of_situation(options: argparse.Namespace) -> tuple[Recording, Recording]:
     from tqdm import tqdm
 
     from coopsim.bench.grid.grid import Grid
-    from coopsim.bench.report.publish import make_rerun
-    from coopsim.bench.safety.pairs import search_pair
+    from coopsim.bench.search_pair import search_pair
 
     grid = Grid(
         (options.alone, options.sharing),
@@ -86,9 +77,7 @@ def _of_situation(options: argparse.Namespace) -> tuple[Pair, Any]:
         frames=None,
         options=named_options(options),
     )
-    rerun = make_rerun(grid.options, trust=True)  # the user has just named them
-    tried = tqdm(grid.seeds, "seeds", disable=None, leave=False)
-    return search_pair(grid, rerun, tried), rerun
+    return search_pair(grid, tqdm(grid.seeds, "seeds", disable=None, leave=False))
 
 
 CLIP = Command(

@@ -68,7 +68,7 @@ def _run_demo(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from coopsim.bench.demo import Demo
-    from coopsim.bench.report.bench_text import evaluation_row, format_table, format_visibility
+    from coopsim.bench.text.score_text import evaluation_row, format_table, format_visibility
     from coopsim.metrics.score import without_nan
 
     demo = Demo(_config(options))

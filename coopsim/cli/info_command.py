@@ -30,7 +30,7 @@ def _run_info(options: argparse.Namespace) -> int:
 
 def about_machine() -> dict[str, Any]:
     """Return versions, and what networks, cameras and data of this machine can be used."""
-    from coopsim.bench.store.fingerprint import package_versions
+    from coopsim.bench.store.packages import package_versions
     from coopsim.cli.listing import listing
 
     return {

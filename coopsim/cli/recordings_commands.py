@@ -73,8 +73,8 @@ def _add_replay(parser: argparse.ArgumentParser) -> None:
 def _run_replay(options: argparse.Namespace) -> int:
     from coopsim.bench.evaluate import evaluate_recordings
     from coopsim.bench.grid.policies import policy_on
-    from coopsim.bench.report.bench_text import format_table, score_row
     from coopsim.bench.results.result_table import named
+    from coopsim.bench.text.score_text import format_table, score_row
 
     if options.json is not None:
         require_writable(options.json)
@@ -152,7 +152,7 @@ def _run_leaderboard(options: argparse.Namespace) -> int:
 
 def _report(results: Results, options: argparse.Namespace) -> None:
     from coopsim.bench.leaderboard import rows_of, write_leaderboard
-    from coopsim.bench.report.bench_text import format_table
+    from coopsim.bench.text.score_text import format_table
 
     rows = [({name: row[name] for name in ("policy", "false positives")}, row) for row in rows_of(results)]
     print(format_table(rows))

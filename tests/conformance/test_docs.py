@@ -31,7 +31,7 @@ PAGES = {
 TRAINS = ("docs/learn/train_a_fusion.md", "18_train_your_own_fusion.py")
 """A page, and the example on it that takes too long here: CI runs it with all examples."""
 
-IN_EVERY_RUN = ("README.md", "docs/learn/start.md")
+IN_EVERY_RUN = ("README.md",)
 """Pages whose Python `make test` runs; `.ci/run` runs that of all others."""
 
 MAY_LACK = {

@@ -37,6 +37,8 @@ FAMILIES = ("cooptrack", "dino_codt", "early", "ff_tracking", "vic_integrated", 
 EVERY = pytest.mark.parametrize("name", all_of(NAMES, *FAMILIES))
 OF_EACH_MESSAGE = pytest.mark.parametrize("name", all_of(NAMES, "cooptrack", "dino_codt", "early", "where2comm"))
 """For what takes whole episodes, one policy of each kind of message."""
+BY_EPISODES = pytest.mark.parametrize("name", all_of(NAMES, "cooptrack", "where2comm"))
+"""For what takes several, of which the loop of episodes does most: one that tracks queries, and one with maps."""
 ALIGNED_IN_BOTH = pytest.mark.parametrize(
     ("align", "arithmetic"),
     [
@@ -363,7 +365,7 @@ def test_turning_the_agent_turns_nothing_in_the_world(name: str) -> None:
         np.testing.assert_allclose(other, found[0], atol=0.05)
 
 
-@OF_EACH_MESSAGE
+@BY_EPISODES
 def test_messages_keep_within_a_budget(name: str, sizes: list[int]) -> None:
     for budget_bytes in (1000, 3000):
         sizes.clear()
@@ -383,7 +385,7 @@ def test_a_codec_that_was_asked_for_is_taken(name: str) -> None:
         coopsim.evaluate(policy, seed=1, codec="features", budget_bytes=1000, **SMALL)
 
 
-@OF_EACH_MESSAGE
+@BY_EPISODES
 def test_points_are_encoded_and_messages_decoded_once(name: str) -> None:
     """And the boxes by which poses are corrected are found in a message once, whoever receives it."""
     policy = make(name, align=True)
@@ -459,7 +461,7 @@ def test_alignment_follows_a_moving_agent_once_a_frame(name: str) -> None:
     np.testing.assert_allclose(heard.odom_SE3_sender.translation[:2], ELSEWHERE[:2], atol=1e-3)
 
 
-@OF_EACH_MESSAGE
+@BY_EPISODES
 def test_a_policy_ends_when_nobody_has_it_any_more(name: str) -> None:
     """With all its maps, without waiting for Python to look for cycles, after an episode with messages."""
     policy = make(name)

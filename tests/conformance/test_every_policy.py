@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -27,14 +27,28 @@ FRAME_NS = 100_000_000
 NAMES = (*policies_on_boxes(), "yoloo")
 """Policies that cannot do without sensor data are in `test_every_learned_policy.py`."""
 
-EVERY = pytest.mark.parametrize("name", NAMES)
 FAMILIES = ("no_fusion", "late_fusion", "coop_fuse", "graph_lap_tsa", "dmstrack", "track_to_track", "yoloo")
-"""One policy of each way to associate and of each content of messages, for what takes whole episodes."""
+"""One policy of each way to associate and of each content of messages; the others are tried by `make check-long`."""
+EVERY = pytest.mark.parametrize("name", all_of(NAMES, *FAMILIES))
 
 WAYS = [(name, late) for name in NAMES for late in DELAYED.names()]
 WAYS.remove(("track_to_track", "replay"))  # tracks that others report cannot be tracked again
 LISTENING = [name for name in NAMES if coopsim.POLICIES.get(name).needs.uplink != "none"]
-SWITCHED = [(name, late) for name, late in WAYS if name in LISTENING]
+
+
+def families_first(rows: Sequence[Any], name_of: Callable[[Any], str] = lambda row: row[0]) -> list[Any]:
+    """Return parameters, of which `make test` takes those of the representatives."""
+    return [
+        pytest.param(
+            *(row if isinstance(row, tuple) else (row,)), marks=() if name_of(row) in FAMILIES else pytest.mark.long
+        )
+        for row in rows
+    ]
+
+
+EVERY_WAY = pytest.mark.parametrize(("name", "late"), families_first(WAYS))
+EVERY_LISTENER = pytest.mark.parametrize("name", families_first(LISTENING, str))
+SWITCHED = families_first([(name, late) for name, late in WAYS if name in LISTENING])
 
 
 def boxes(xy: object, *, score: object = 0.8, label: object = 0) -> Detections:
@@ -90,7 +104,7 @@ def require_same(one: list[Tracks], other: list[Tracks], atol_m: float = 0.0) ->
         np.testing.assert_allclose(a.boxes.array, b.boxes.array, rtol=0, atol=atol_m)
 
 
-@pytest.mark.parametrize("name", all_of(NAMES, *FAMILIES))
+@EVERY
 def test_policy(name: str) -> None:
     check_policy(lambda: make(name), **({"lidar": "VLP-16"} if name == "yoloo" else {}))
 
@@ -131,7 +145,7 @@ def test_empty_frames_and_nobody_else(name: str) -> None:
     assert all(len(tracks) == 0 for tracks in play(begin(name), *(observe(k, boxes([])) for k in range(3))))
 
 
-@pytest.mark.parametrize(("name", "late"), WAYS)
+@EVERY_WAY
 def test_the_same_message_twice_changes_nothing(name: str, late: str) -> None:
     def reports(copies: int) -> list[Tracks]:
         frames = []
@@ -151,7 +165,7 @@ def test_a_message_that_comes_again_and_again_is_no_second_object(name: str) -> 
     assert len(play(begin(name), *frames)[-1]) == (2 if name == "graph_lap_tsa" else 1)
 
 
-@pytest.mark.parametrize(("name", "late"), WAYS)
+@EVERY_WAY
 def test_a_message_older_than_any_track(name: str, late: str) -> None:
     policy = begin(name, delayed=late)
     play(policy, *(observe(k * FRAME_NS, boxes([[20 + k, 0]])) for k in range(30, 36)))
@@ -169,9 +183,6 @@ def test_what_is_not_finite_is_left_out(name: str) -> None:
     expected = play(begin(name), *(observe(k * FRAME_NS, good) for k in range(6)))
     frames = [observe(k * FRAME_NS, bad, message(name, bad[1:4], k * FRAME_NS)) for k in range(6)]
     assert [len(tracks) for tracks in play(begin(name), *frames)] == [len(tracks) for tracks in expected]
-
-
-LISTENING = [name for name in NAMES if coopsim.POLICIES.get(name).needs.uplink != "none"]
 
 
 def broken(name: str, good: Message) -> list[Message]:
@@ -205,7 +216,7 @@ def test_messages_that_cannot_be_read_are_left_out_and_counted(name: str) -> Non
     assert not policy.rejected
 
 
-@pytest.mark.parametrize("name", LISTENING)
+@EVERY_LISTENER
 def test_numbers_at_float32s_end_do_no_harm(name: str) -> None:
     """What a message can say, and no detector would."""
     rows = np.tile([10.0, 0, 0.8, 4.5, 1.9, 1.6, 0.0], (8, 1))
@@ -218,7 +229,7 @@ def test_numbers_at_float32s_end_do_no_harm(name: str) -> None:
     play(begin(name), *frames)
 
 
-@pytest.mark.parametrize("name", [name for name in LISTENING if listens_to(name) == "detections"])
+@pytest.mark.parametrize("name", families_first([name for name in LISTENING if listens_to(name) == "detections"], str))
 @pytest.mark.parametrize("codec", codecs_of("detections"))
 def test_detections_are_understood_from_every_codec(name: str, codec: str) -> None:
     def reports(by: str) -> list[Tracks]:
@@ -249,7 +260,7 @@ def test_a_class_that_no_report_can_name_is_left_out(name: str, label: int) -> N
 
 
 @pytest.mark.parametrize("align", [False, True])
-@pytest.mark.parametrize("name", LISTENING)
+@EVERY_LISTENER
 @pytest.mark.parametrize("xyz_yaw", [[1e300, 0, 0, 0], [0, -1e160, 0, 0], [0, 0, 1e300, 0], [5e4, 0, 0, 0]])
 def test_whoever_says_he_is_beyond_all_radio_is_left_out(name: str, xyz_yaw: list[float], *, align: bool) -> None:
     seen = boxes([[10, 0], [20, 5], [35, -5]])
@@ -313,7 +324,7 @@ def wandering(name: str, kinds: Sequence[str | None]) -> list[Observation]:
     return frames
 
 
-@pytest.mark.parametrize(("name", "late"), WAYS)
+@EVERY_WAY
 def test_embeddings_of_any_kind(name: str, late: str) -> None:
     for kinds in (["good"], ["good", "wide"], ["good", "nan", None, "huge", "zero", "wide", "infinite", "empty"]):
         reports = play(begin(name, delayed=late), *wandering(name, kinds))
@@ -351,7 +362,7 @@ def test_with_everything_switched_on_bad_input_does_no_harm(name: str, late: str
     assert np.isclose(reports[7].boxes.center[:, 0], 35, atol=0.5).any()
 
 
-@pytest.mark.parametrize("name", LISTENING)
+@EVERY_LISTENER
 def test_a_sender_with_a_wrong_pose_is_put_right_where_the_policy_aligns(name: str) -> None:
     """A car that only the sender sees, told by a sender who is a metre off: it is where the shared cars say."""
     shared, hidden = [[10, 0], [20, 5], [35, -5], [28, 14]], [[45.0, 8]]

@@ -17,7 +17,7 @@ from coopsim.bench.grid.grid import Grid
 from coopsim.bench.grid.grid_file import find_grid
 from coopsim.bench.nuscenes_results import read_plan
 from coopsim.bench.paper.provenance import Provenance
-from coopsim.bench.report.publish import make_rerun, publish
+from coopsim.bench.report.publish import publish
 from coopsim.bench.store.store import Store
 from coopsim.catalog import WRITING_OPTIONS
 from coopsim.cli.entry import main
@@ -52,25 +52,17 @@ def store_cells(folder: Path, policies: tuple[str, str], metric: str = "sAMOTA",
     store.begin(keys, Provenance(grid={"options": {**OPTIONS, **options}}).as_data())
 
 
-def test_a_report_runs_code_that_results_name_only_if_trusted(code: tuple[str, Path], tmp_path: Path) -> None:
+def test_a_report_runs_nothing_that_results_name(
+    code: tuple[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     policy, trace = code
-    store_cells(tmp_path / "theirs", (policy, "no_fusion"))
-    assert main(["report", str(tmp_path / "theirs")]) == 0
-    assert not trace.exists()
-    assert "which is run only with --trust" in (tmp_path / "theirs" / "report.html").read_text()
-    assert main(["report", str(tmp_path / "theirs"), "--trust", "--clips", "1"]) == 0
-    assert trace.exists()
-
-
-def test_a_report_writes_no_file_that_results_name(tmp_path: Path) -> None:
     victim = tmp_path / "victim"
     victim.write_text("mine")
-    store_cells(tmp_path / "theirs", ("no_fusion", "late_fusion"), record=str(victim))
-    assert main(["report", str(tmp_path / "theirs"), "--clips", "1"]) == 0
-    assert victim.read_text() == "mine"
-    assert "must not say which file to write" in (tmp_path / "theirs" / "report.html").read_text()
-    rerun = make_rerun({"record": str(victim)})(Cell("no_fusion", Condition(), 0, 2))
-    assert rerun.failed and victim.read_text() == "mine"
+    store_cells(tmp_path / "theirs", (policy, "no_fusion"), record=str(victim))
+    assert main(["report", str(tmp_path / "theirs"), "--trust"]) == 0
+    assert not trace.exists() and victim.read_text() == "mine"
+    said = capsys.readouterr().err
+    assert "no run has a film, so there are no clips" in said and "--trust is not needed" in said
 
 
 def test_a_report_stays_in_its_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -98,7 +90,7 @@ def test_a_stored_cell_is_the_one_that_was_asked_for(code: tuple[str, Path], tmp
     grid = Grid(("no_fusion",), frames=2, options=OPTIONS)
     (ours,) = benchmark(grid, tmp_path)
     (path,) = (tmp_path / "cells").glob("*.parquet")
-    from coopsim.bench.store.store import decode
+    from coopsim.bench.store.cell_file import decode
 
     _, decided_by = decode(path.read_bytes())
     Store(tmp_path).put(replace(ours, cell=replace(ours.cell, policy=policy)), decided_by)
@@ -148,16 +140,6 @@ def test_a_scenario_file_names_no_code(tmp_path: Path) -> None:
     path.write_text("scenario: crossing\noptions:\n  planner: mine.py:P\n")
     with pytest.raises(ScenarioFileError, match=r"theirs\.yaml:\d: options must not name code to run, got 'mine.py:P'"):
         coopsim.parallel_env(path)
-
-
-def test_results_run_no_planner_attack_or_defence_of_strangers() -> None:
-    for cell, options in (
-        (Cell("no_fusion", Condition(), 0, 2), {"planner": "mine.py:P"}),
-        (Cell("no_fusion", Condition(attacks="cav_1=mine.py:A"), 0, 2), {}),
-        (Cell("late_fusion(defense='mine.py:D')", Condition(), 0, 2), {}),
-    ):
-        result = make_rerun(options)(cell)
-        assert result.traceback is not None and "which is run only with --trust" in result.traceback
 
 
 def test_a_scenario_file_names_no_file_to_write(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
+from representatives import all_of
 from small_env import SIMULATED, SMALL
 
 import coopsim
@@ -30,7 +31,7 @@ def test_gymnasium_knows_every_environment() -> None:
 
 
 @UNBOUNDED
-@pytest.mark.parametrize("name", SIMULATED)
+@pytest.mark.parametrize("name", all_of(SIMULATED, "highway", "occluded_crossing", "town"))
 def test_check_env(name: str) -> None:
     env = gymnasium.make(f"coopsim/{name}-v2", others="late_fusion", **TINY)
     check_env(env.unwrapped, skip_render_check=True)
@@ -91,7 +92,11 @@ def test_what_make_wraps_finds_nothing_wrong_in_an_episode(name: str) -> None:
 
 @pytest.mark.parametrize(
     ("mode", "vector_kwargs"),
-    [("sync", {}), ("async", {"shared_memory": False}), ("async", {"shared_memory": False, "context": "spawn"})],
+    [
+        ("sync", {}),
+        ("async", {"shared_memory": False}),
+        pytest.param("async", {"shared_memory": False, "context": "spawn"}, marks=pytest.mark.long),
+    ],
 )
 def test_vectors_step_and_start_again(mode: str, vector_kwargs: dict[str, Any]) -> None:
     options = TINY | {"tracker": "late_fusion", "control": "policy", "others": coopsim.make_policy("late_fusion")}
@@ -158,7 +163,9 @@ def test_a_wrong_id_is_refused_with_a_hint(name: str, error: type[Exception], me
 @pytest.mark.parametrize(
     "program",
     [
-        "import coopsim, gymnasium; env = gymnasium.make('coopsim/crossing-v2', lidar=None)",
+        pytest.param(
+            "import coopsim, gymnasium; env = gymnasium.make('coopsim/crossing-v2', lidar=None)", marks=pytest.mark.long
+        ),
         "import gymnasium; env = gymnasium.make('coopsim:coopsim/crossing-v2', lidar=None)",
     ],
 )

@@ -12,6 +12,7 @@ torch = pytest.importorskip("torch")
 
 from fake_gpu import FakeGpu  # noqa: E402
 from lit_pictures import lit_view  # noqa: E402
+from representatives import all_of  # noqa: E402
 from street_scene import spec_of, sweep_from, view_of  # noqa: E402
 from tiny_networks import learned, tiny_detector, tiny_picture_detector  # noqa: E402
 
@@ -21,6 +22,8 @@ from coopsim.detection.presets import make_detector  # noqa: E402
 from coopsim.errors import InvalidValueError  # noqa: E402
 
 NAMES = sorted({*coopsim.POLICIES.names()} - {*policies_on_boxes(), "truth", "yoloo"})
+FAMILIES = ("cooptrack", "dino_codt", "early", "ff_tracking", "univ2x", "vic_integrated", "where2comm")
+"""One policy of each kind of message and of tracking. The other maps differ by their fusion alone."""
 SMALL: dict[str, Any] = {"vehicles": 8, "lidar": "VLP-16", "lidar_columns": 256, "max_cycles": 2, "latency_s": 0.1}
 VIEWS = [
     replace(lit_view(light), sweeps=view_of(sweep_from((0, 0, 0, 0), [light])).sweeps)
@@ -50,7 +53,7 @@ def found_by(name: str, **settings: Any) -> list[Any]:
     return found
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", all_of(NAMES, *FAMILIES))
 def test_a_policy_on_a_gpu_has_everything_there_and_finds_the_same(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """One batch for all agents, there; here, one agent after another."""
     alone = found_by(name)

@@ -19,8 +19,8 @@ from synthetic_clips import SyntheticClips  # noqa: E402
 from coopsim.learn.recipe import RECIPES, find_recipe  # noqa: E402
 from coopsim.learn.train import train  # noqa: E402
 
-OF_EACH_KIND = ("cooptrack", "disconet", "early", "lift_splat")
-"""Recipes on queries, with a teacher, of a detector, and on pictures."""
+OF_EACH_KIND = ("cooptrack", "disconet", "lift_splat")
+"""Recipes on queries, with a detector and a teacher, and on pictures."""
 
 
 def recipes() -> Iterator[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterable, Mapping
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -40,6 +41,7 @@ def module_files() -> dict[str, Path]:
     return files
 
 
+@cache
 def file_graph() -> dict[str, set[str]]:
     """Return which modules each module imports when it is loaded."""
     files = module_files()

@@ -10,8 +10,8 @@ from coopsim.bench.grid.cell import Cell, CellResult, Condition, environment_opt
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.grid.grid_file import find_grid
 from coopsim.bench.grid.labels import label, mildest
+from coopsim.bench.store.cell_file import decode, encode
 from coopsim.bench.store.fingerprint import fingerprint
-from coopsim.bench.store.store import decode, encode
 from coopsim.catalog import PolicySpec
 from coopsim.errors import CoopsimError
 

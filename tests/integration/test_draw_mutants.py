@@ -61,6 +61,16 @@ def test_each_mutant_of_a_room_is_another_program(script: ModuleType) -> None:
         assert ast.dump(ast.parse(mutant.applied(source))) != ast.dump(ast.parse(source))
 
 
+def test_each_room_has_files_and_tests(script: ModuleType) -> None:
+    for room in script.ROOMS:
+        paths = sorted((script.ROOT / "coopsim" / room).rglob("*.py"))
+        mutant = script.Mutant(str(paths[-1].relative_to(script.ROOT)), 1, 0, 1, "", "")
+        stages = script.tests_of(script.ROOT, mutant, conformance=False)
+        assert mutant.room == room and stages and all(stages), room
+        assert all((script.ROOT / name).is_file() for stage in stages for name in stage)
+    assert script.CONFORMANCE.keys() | script.BY_COMMANDS.keys() | set(script.BY_FOLDER) <= set(script.ROOMS)
+
+
 @pytest.mark.long  # a dozen runs of pytest
 def test_a_mutant_is_killed_by_tests_that_pass_without_it(
     script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from fork_server import run_python
 
 import coopsim
 from coopsim.bench.benchmark import benchmark
@@ -178,7 +177,7 @@ def test_its_code_is_part_of_a_cell_s_key(tmp_path: Path) -> None:
         "    print(Job.of(grid.cells()[0], {}, policies['no_fusion'], MetricSpec.all()).key, flush=True)\n"
         "    os._exit(0)\n"
     )
-    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = run_python(program, folder=tmp_path)
     assert done.returncode == 0, done.stderr
     keys = done.stdout.split()
     assert len(keys) == len(set(keys)) == 3
@@ -190,5 +189,5 @@ def test_a_script_s_own_metric_is_refused_before_the_first_cell(tmp_path: Path) 
         "from coopsim.bench.grid.grid import Grid\n"
         "coopsim.benchmark(Grid(('no_fusion',), frames=2), 'out')\n"
     )
-    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = run_python(program, folder=tmp_path)
     assert done.returncode == 1 and "metric 'reported boxes' must be registered in a module" in done.stderr

@@ -11,15 +11,14 @@ import pytest
 from jobs_here import no_workers
 
 from coopsim.bench.benchmark import benchmark
+from coopsim.bench.films.choice import Films
+from coopsim.bench.films.lie_pairs import FilmedLie, filmed_lies, lie_pairs
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.grid.grid import Grid
-from coopsim.bench.report.lie_pages import lie_data, lies_section
-from coopsim.bench.report.lie_pairs import FilmedLie, film_lies, lie_pairs
-from coopsim.bench.report.publish import make_rerun, publish
-from coopsim.bench.report.scene import UNIT_M
+from coopsim.bench.report.film_data import UNIT_M
+from coopsim.bench.report.lie_figures import lie_figure
+from coopsim.bench.report.publish import publish
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.viz import palette
-from coopsim.viz.bev import BevRenderer
 from tests.helpers.html_page import Page
 
 GHOST = "cav_1=ghost(ahead_m=15, start_s=1)"
@@ -29,15 +28,21 @@ GRID = Grid(("late_fusion",), attacks=("none", GHOST), seeds=(3,), frames=25)
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> list[CellResult]:
     with no_workers():
-        return benchmark(GRID, tmp_path_factory.mktemp("lies"))
+        return benchmark(GRID, tmp_path_factory.mktemp("lies"), films=True)
 
 
 @pytest.fixture(scope="module")
 def filmed(results: list[CellResult]) -> FilmedLie:
     (pair,) = lie_pairs(ResultTable.of(results), 5)
-    (made,), notes = film_lies([pair], make_rerun({}), 60.0)
-    assert not notes
+    films = Films()
+    (made,) = filmed_lies([pair], films)
+    assert not films.notes
     return made
+
+
+@pytest.fixture(scope="module")
+def data(results: list[CellResult], filmed: FilmedLie) -> dict[str, Any]:
+    return lie_figure(filmed, ResultTable.of(results)).data
 
 
 def boxes(text: str) -> np.ndarray[Any, Any]:
@@ -89,11 +94,10 @@ def test_the_film_begins_a_second_before_the_lie_tells(filmed: FilmedLie) -> Non
 
 def test_without_lies_there_is_no_section() -> None:
     table = ResultTable.of([result("late_fusion", "", 0, 50.0)])
-    assert lie_pairs(table, 5) == () and lies_section([], [], table) == ""
+    assert lie_pairs(table, 5) == ()
 
 
-def test_both_sides_are_the_same_world_and_only_one_has_the_lie(filmed: FilmedLie) -> None:
-    data = lie_data(filmed)
+def test_both_sides_are_the_same_world_and_only_one_has_the_lie(filmed: FilmedLie, data: dict[str, Any]) -> None:
     honest, attacked = data["sides"]
     count = len(honest["frames"])
     assert count == len(attacked["frames"]) == 25 - filmed.first
@@ -106,15 +110,14 @@ def test_both_sides_are_the_same_world_and_only_one_has_the_lie(filmed: FilmedLi
     assert set(attacked["lies"][-1]["stated"]) == {"cav_1"}
 
 
-def test_the_receiver_tracks_the_ghost_where_it_is_drawn(filmed: FilmedLie) -> None:
-    data = lie_data(filmed)
+def test_the_receiver_tracks_the_ghost_where_it_is_drawn(filmed: FilmedLie, data: dict[str, Any]) -> None:
     assert filmed.believed_s is not None and filmed.believed_s >= filmed.begins_s
     shown = round((filmed.believed_s - data["start_s"]) / data["dt_s"])
     honest, attacked = data["sides"]
     (ghost,) = boxes(attacked["lies"][shown]["claimed"])
 
     def apart_m(side: dict[str, Any]) -> float:
-        tracks = boxes(side["runs"][0]["tracks"][shown][side["agent"]])
+        tracks = boxes(side["runs"][0]["tracks"][shown][data["agent"]])
         return float(np.hypot(*((tracks[:, 1:3] - ghost[1:3]) * UNIT_M).T).min(initial=np.inf))
 
     assert apart_m(attacked) <= 2.0 < apart_m(honest)
@@ -129,20 +132,3 @@ def test_a_report_has_the_pair_with_its_legend_and_moments(results: list[CellRes
     assert begins == "1.0 s the lie begins" and any("tracks what is not there" in each for each in others)
     publish(tmp_path, [each for each in results if not each.cell.condition.attacks])
     assert "<h2>Lies</h2>" not in (tmp_path / "report.html").read_text(encoding="utf-8")
-
-
-def test_a_run_that_differs_from_the_stored_one_is_told_and_not_shown(results: list[CellResult]) -> None:
-    pairs = lie_pairs(ResultTable.of(results), 1)
-    films, notes = film_lies(pairs, lambda cell, *recorders: CellResult(cell, rewards=np.ones(5)), 60.0)
-    assert not films and all("something changed" in note for note in notes)
-    assert film_lies(pairs, make_rerun({}), -1.0)[1] == ["1 pair left out, as time was up after -1 s"]
-
-
-def test_a_picture_from_above_shows_the_claim_in_its_own_colour(filmed: FilmedLie) -> None:
-    frame = next(each for each in filmed.attacked.frames if each.lies)
-    renderer = BevRenderer(filmed.attacked.road_map)
-
-    def pink(number: int) -> int:
-        return int((renderer.draw(filmed.attacked.frames[number]) == palette.LIE).all(axis=2).sum())
-
-    assert pink(filmed.attacked.frames.index(frame)) > 10 and pink(0) == 0

@@ -6,6 +6,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,18 +15,23 @@ from PIL import Image
 
 from coopsim.bench.benchmark import benchmark
 from coopsim.bench.engine.engine import Engine
+from coopsim.bench.engine.job import Job, run_job
+from coopsim.bench.films.film import Filming
+from coopsim.bench.films.recording import Recording
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.report.bench_report import About, Played, render_bench_report
-from coopsim.bench.report.publish import make_rerun, publish
+from coopsim.bench.report.crash_figures import KEYS, NOTE, crash_figure
+from coopsim.bench.report.film_section import FilmSection
+from coopsim.bench.report.publish import publish
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.safety.movie import write_movie
 from coopsim.bench.safety.pair_clip import SIZE_PX, PairClip
-from coopsim.bench.safety.pair_pages import pair_data
 from coopsim.bench.safety.panel import CRASH, Panel, View
-from coopsim.bench.safety.recording import Recording, record
 from coopsim.bench.store.store import Store
+from coopsim.catalog import PolicySpec
 from coopsim.cli.entry import main
+from coopsim.episode import Recorder
 from coopsim.interfaces.planner import PLANNERS, PlannedCar, Planner
 
 SITUATION = "crossing_path"
@@ -49,6 +55,10 @@ def planners() -> None:
     for name, kind in {"keeps_its_speed": KeepsItsSpeed, "falls": Falls}.items():
         if name not in PLANNERS:
             PLANNERS.register(name)(kind)
+
+
+def run(cell: Cell, *recorders: Recorder, **options: Any) -> CellResult:
+    return run_job(Job.of(cell, options, PolicySpec.parse(cell.policy)), recorders).result
 
 
 def told(results: list[CellResult]) -> str:
@@ -79,32 +89,29 @@ def test_results_are_the_same_after_an_interruption(tmp_path: Path, workers: int
 
 
 def test_a_planner_that_falls_loses_its_own_cell() -> None:
-    run = make_rerun({"planner": "falls"})
-    result = run(Cell("no_fusion", Condition(SITUATION), 0, None))
+    result = run(Cell("no_fusion", Condition(SITUATION), 0, None), planner="falls")
     assert result.failed and "no idea" in str(result.reason) and "cav_0" in str(result.reason)
-    other = make_rerun({})(Cell("no_fusion", Condition(SITUATION), 0, 5))
-    assert not other.failed
+    assert not run(Cell("no_fusion", Condition(SITUATION), 0, 5)).failed
 
 
 @pytest.fixture(scope="module")
 def crash() -> Recording:
     """A car that does not brake, in the first seed in which it meets what comes."""
-    run = make_rerun({"planner": "keeps_its_speed"})
     for seed in range(12):
-        cell = Cell("late_fusion", Condition(SITUATION), seed, None)
-        result = run(cell)
+        cell, filming = Cell("late_fusion", Condition(SITUATION), seed, None), Filming()
+        result = run(cell, filming, planner="keeps_its_speed")
         assert not result.failed, result.traceback
         if result.values["crash"]:
-            made = record(result, run)
-            assert isinstance(made, Recording), made
-            return made
+            return Recording.of(cell, filming.film)
     raise AssertionError("nothing was hit in twelve seeds")
 
 
 def test_a_recording_ends_at_the_crash(crash: Recording) -> None:
     assert crash.events.crash_s == pytest.approx(crash.end_s) and crash.events.impact_m_s > 0
-    assert len(crash.drive) == len(crash.frames) + 1 == len(crash.arrived)
-    assert all(crash.arrived), "messages reach the car in every frame, the first among them"
+    assert len(crash.drive) == len(crash.film.frames) + 1 == len(crash.film.arrived)
+    assert all(each[crash.agent] for each in crash.film.arrived), (
+        "messages reach the car in every frame, the first among them"
+    )
     assert crash.drive.in_conflict.any(), "the script says what it must not touch"
     half = (crash.drive.time_s[3] + crash.drive.time_s[4]) / 2
     between = (crash.drive.car[3] + crash.drive.car[4]) / 2
@@ -131,13 +138,14 @@ def test_a_clip_lasts_as_long_as_asked_and_slows_down(crash: Recording) -> None:
 
 
 def test_a_report_plays_a_pair_up_to_its_crash(crash: Recording) -> None:
-    data = pair_data((crash, crash))
+    table = ResultTable.of([CellResult(crash.cell, {"crash": 100.0, "bytes_per_s": 0.0})])
+    figure = crash_figure((crash, crash), table)
+    data = figure.data
     side = data["sides"][0]
     assert len(side["frames"]) == len(side["marks"]) == len(side["runs"][0]["tracks"]) > 5
     assert [mark["crash"] for mark in side["marks"]] == [False] * (len(side["marks"]) - 1) + [True]
     assert all(mark["met"] for mark in side["marks"]), "what it must not touch is ringed"
-    table = ResultTable.of([CellResult(crash.cell, {"crash": 100.0, "bytes_per_s": 0.0})])
-    page = render_bench_report(table, About(), Played(pairs=[(crash, crash)]))
+    page = render_bench_report(table, About(), Played([FilmSection("Telling pairs", NOTE, KEYS, [figure])]))
     assert "Telling pairs" in page and f"crash at {3.6 * crash.events.impact_m_s:.0f} km/h" in page
 
 

@@ -84,7 +84,7 @@ def test_a_tiny_encoder_learns_four_frames(encoder: Path) -> None:
 def test_a_fusion_learns_four_frames(encoder: Path, tmp_path: Path) -> None:
     recipe = TrainingRecipe(
         "tiny_fusion",
-        steps=180,
+        steps=100,
         detector=str(encoder),
         **{
             **SMALL, "kind": "cooperative", "batch": 1, "lr": 0.04,

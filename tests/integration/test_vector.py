@@ -122,6 +122,7 @@ def test_a_worker_that_is_killed_takes_no_others_episode_along(vector: Any, kill
     assert infos["pid"].tolist()[:2] == pids[:2] and infos["pid"][2] not in pids
 
 
+@pytest.mark.usefixtures("started_anew")
 def test_a_lost_environments_next_episode_is_the_one_it_would_have_had() -> None:
     with (
         coopsim.vector(SeededEnv, 2, workers=1) as vector,
@@ -244,7 +245,7 @@ def test_an_interrupt_in_the_calling_process() -> None:
         assert here.step(acts(1, 1, 1))[0][:, 1].tolist() == [2, 0, 2]
 
 
-@pytest.mark.parametrize("end", ["os._exit(3)", "sys.exit(3)"])
+@pytest.mark.parametrize("end", all_of(["os._exit(3)", "sys.exit(3)"], "os._exit(3)"))
 def test_a_worker_that_ends_while_it_makes_environments(end: str) -> None:
     def ends() -> Any:
         exec(f"import os, sys; {end}")

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
+
+import pytest
+from fork_server import run_python
 
 PLUGIN = '''
 from pathlib import Path
@@ -130,6 +130,7 @@ assert status == 2 and "mine" in text and "opencood" in text, text
 """
 
 
+@pytest.mark.usefixtures("started_anew")
 def test_packages_dock_places_situations_recordings_protocols_and_commands(tmp_path: Path) -> None:
     recorded = tmp_path / "recorded"
     recorded.mkdir()
@@ -139,12 +140,5 @@ def test_packages_dock_places_situations_recordings_protocols_and_commands(tmp_p
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: plugged-in\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(ENTRY_POINTS)
-    paths = os.pathsep.join([str(tmp_path), *(path for path in sys.path if path)])
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, str(recorded)],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"PYTHONPATH": paths},
-    )
+    done = run_python(PROGRAM, str(recorded), found=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from fork_server import run_python
+
+pytestmark = pytest.mark.usefixtures("started_anew")
 
 PLUGIN = """
 from coopsim.agents.boxes import LateFusion
@@ -218,12 +218,5 @@ def _plug_in(folder: Path, module: str, entry_points: str) -> None:
 
 def _run(folder: Path, program: str) -> None:
     """Run a program that finds the packages in a folder."""
-    paths = os.pathsep.join([str(folder), *(path for path in sys.path if path)])
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"PYTHONPATH": paths},
-    )
+    done = run_python(program, found=folder)
     assert done.returncode == 0, done.stderr

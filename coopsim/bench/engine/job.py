@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import os
 import platform
 import re
@@ -12,26 +11,22 @@ import sys
 import time
 import traceback
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, ClassVar
 
-import numpy as np
-
 import coopsim
-from coopsim.bench.evaluate import Evaluation, evaluate
+from coopsim.bench.engine.result_of import result_of
+from coopsim.bench.evaluate import evaluate
 from coopsim.bench.grid.cell import Cell, CellResult, environment_options
 from coopsim.bench.grid.policies import arithmetic_of, of_cell
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.store.closure import RUN
-from coopsim.bench.store.fingerprint import Sources, changed_parts, fingerprint, key_of, package_versions
+from coopsim.bench.store.fingerprint import Sources, changed_parts, fingerprint, key_of
+from coopsim.bench.store.metric_spec import MetricSpec, keep_named
+from coopsim.bench.store.packages import package_versions
 from coopsim.catalog import PolicySpec
 from coopsim.episode import Recorder
-from coopsim.errors import InvalidValueError
-from coopsim.metrics.built_in import BUILT_IN, custom_metrics
-from coopsim.metrics.metric import METRICS
-from coopsim.support.checks import require_count
-from coopsim.support.user_code import SOURCE, load_source
 
 _ADDRESS = re.compile(r"\b0x[0-9a-f]{4,}")
 
@@ -44,12 +39,14 @@ class Outcome:
         result: result, the same in every run.
         circumstances: data that differ between runs: seconds, machine, versions, and the end of a process that died.
         lost: True if the cell was not run for no fault of its own, as where its machine died: it is not stored.
+        film: content of the film's file, if the run was filmed.
     """
 
     job: Job
     result: CellResult
     circumstances: Mapping[str, Any] = field(default_factory=dict)
     lost: bool = False
+    film: bytes | None = None
 
     @property
     def seconds(self) -> float:
@@ -132,7 +129,7 @@ class Job:
     def run(self) -> Outcome:
         """Run the cell. It is lost if anything is not as it was when the job, and its key, were made."""
         before, sources = set(sys.modules), Sources()
-        outcome = run_job(self)
+        outcome = self.perform()
         try:
             now = self.fingerprint(sources)
         except Exception:  # its policy cannot be imported here, which is its outcome
@@ -142,6 +139,10 @@ class Job:
         if unknown := sources.uncounted(sys.modules.keys() - before):
             return self.lost(f"it loaded {', '.join(unknown)}, which its key does not count")
         return outcome
+
+    def perform(self) -> Outcome:
+        """Run the cell, see `run_job`."""
+        return run_job(self)
 
     def measure(self, recorders: Sequence[Recorder] = ()) -> CellResult:
         """Measure the cell, and tell recorders of it. A user's policy may raise anything."""
@@ -169,41 +170,6 @@ def run_job(job: Job, recorders: Sequence[Recorder] = ()) -> Outcome:
         result = CellResult(job.cell, traceback=traceback_of(error))
     seconds = time.perf_counter() - started
     return Outcome(job, result, {"seconds": seconds, **circumstances()})
-
-
-def result_of(cell: Cell, evaluation: Evaluation, arithmetic: str) -> CellResult:
-    """Return the evaluation of a cell as its result.
-
-    Raises:
-        InvalidValueError: the policy's `counts` are no integers of 64 bits by name, or its `method` is no text.
-    """
-    score = evaluation.score
-    if not isinstance(evaluation.method, str):
-        raise InvalidValueError(f"method must be a text, got {evaluation.method!r}")
-    return CellResult(
-        cell,
-        values=_as_floats(score.values),
-        agents={name: _as_floats(agent.values) for name, agent in score.agents.items()},
-        rewards=np.asarray(evaluation.rewards, np.float64),
-        messages=asdict(evaluation.messages),
-        place_seed=evaluation.place_seed,
-        counts=_as_counts(evaluation.counts),
-        method=evaluation.method,
-        arithmetic=arithmetic,
-        bound=evaluation.bound,
-    )
-
-
-def _as_floats(values: Mapping[str, float]) -> dict[str, float]:
-    return {name: float(value) for name, value in values.items()}
-
-
-def _as_counts(counts: Mapping[str, int]) -> dict[str, int]:
-    for name, count in counts.items():
-        if not isinstance(name, str):
-            raise InvalidValueError(f"counts must be by name, got {name!r}")
-        require_count(-(2**63), 2**63 - 1, **{f"counts[{name!r}]": count})
-    return {name: int(count) for name, count in counts.items()}
 
 
 def _evaluate(job: Job, recorders: Sequence[Recorder]) -> CellResult:
@@ -261,56 +227,3 @@ def circumstances() -> dict[str, Any]:
         "platform": platform.platform(),
         "worker": f"{socket.gethostname()}:{os.getpid()}",
     }
-
-
-@dataclass(frozen=True, slots=True)
-class MetricSpec:
-    """Source of a metric that a user or a package registered.
-
-    Attributes:
-        name: registered name.
-        module: name of the module that registers it.
-        path: path of the module's file, if it is not importable because it came with a policy (`file.py:Class`).
-        source: text of that file; None for an importable module.
-    """
-
-    name: str
-    module: str
-    path: str | None = None
-    source: str | None = None
-
-    @classmethod
-    def all(cls) -> tuple[MetricSpec, ...]:
-        """Describe every registered metric that is not built in.
-
-        Raises:
-            InvalidValueError: a script itself registers a metric, which other processes cannot import.
-        """
-        specs = []
-        for name, metric in custom_metrics().items():
-            module = type(metric).__module__
-            if module == "__main__":
-                raise InvalidValueError(
-                    f"metric {name!r} must be registered in a module, or in the file of a policy, for a benchmark's "
-                    "processes to load it; it is registered in the script that runs"
-                )
-            content = vars(sys.modules[module])
-            source = content.get(SOURCE)
-            specs.append(cls(name, module, None if source is None else str(content["__file__"]), source))
-        return tuple(specs)
-
-    def load(self) -> None:
-        """Register the metric in this process. Raises `InvalidValueError` if its module does not."""
-        if self.name not in METRICS:
-            if self.source is not None and self.path is not None:
-                load_source(self.path, self.source)
-            else:
-                importlib.import_module(self.module)
-        if self.name not in METRICS:
-            raise InvalidValueError(f"metric {self.name!r} is not registered by the module {self.module!r}")
-
-
-def keep_named(values: Mapping[str, float], metrics: tuple[MetricSpec, ...]) -> dict[str, float]:
-    """Drop the values of registered metrics that are not among `metrics`, as another job may have registered them."""
-    named = {spec.name for spec in metrics}
-    return {name: value for name, value in values.items() if name in BUILT_IN or name in named}

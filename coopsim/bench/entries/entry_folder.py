@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Self
 
 from coopsim.bench.entries.entry_files import copy_files, digest_of_file, files_of, read_text
-from coopsim.bench.store.fingerprint import package_digest
+from coopsim.bench.store.packages import package_digest
 from coopsim.catalog import PolicySpec
 from coopsim.config.spec import parse_spec, spell_spec
 from coopsim.config.yaml_file import read_yaml

@@ -13,7 +13,11 @@ import numpy as np
 from coopsim.bench.entries.entry_folder import HEADINGS, EntryFolder
 from coopsim.bench.entries.fixed_run import SCORED, SHOWN
 from coopsim.bench.grid.labels import short_label
-from coopsim.bench.report.bench_text import (
+from coopsim.bench.report.formats import definitions, fill_page
+from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.results.standings import Standing, standings
+from coopsim.bench.results.statistics import bootstrap_difference, holm, sign_flip_p_value
+from coopsim.bench.text.forms import (
     BYTES_TITLE,
     difference_text,
     form_of,
@@ -22,10 +26,6 @@ from coopsim.bench.report.bench_text import (
     interval_beside,
     markdown_table,
 )
-from coopsim.bench.report.formats import definitions, fill_page
-from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.standings import Standing, standings
-from coopsim.bench.results.statistics import bootstrap_difference, holm, sign_flip_p_value
 from coopsim.errors import InvalidValueError
 from coopsim.metrics.built_in import BYTES
 from coopsim.support.checks import require_choice

@@ -28,7 +28,7 @@ from coopsim.bench.grid.grid_file import find_grid
 from coopsim.bench.grid.labels import label
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.run_jobs import Progress
-from coopsim.bench.store.fingerprint import package_versions
+from coopsim.bench.store.packages import package_versions
 from coopsim.errors import LeaderboardEntryError
 from coopsim.metrics.built_in import BUILT_IN, BYTES
 from coopsim.metrics.metric import PRIMARY_METRIC

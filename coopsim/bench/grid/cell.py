@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -160,6 +161,7 @@ class CellResult:
         arithmetic: arithmetic of networks in the run, see `coopsim.support.precision`; empty: unknown, or the cell
             failed.
         bound: the policy was told the truth: an upper bound, which does not compete (`Needs.truth`).
+        film: file of the run's film in the store that the result is from; None: it was not filmed.
         arrays: what a plan measures besides, by name, such as detections.
     """
 
@@ -174,6 +176,7 @@ class CellResult:
     method: str = ""
     arithmetic: str = ""
     bound: bool = False
+    film: Path | None = None
     arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     @property

@@ -10,8 +10,8 @@ from typing import Any, Literal
 
 from coopsim.bench.grid.axis import ATTACKS, AXES, HEADING, POSITION, USUAL, Axis, axis_of
 from coopsim.bench.grid.cell import Cell, Condition
+from coopsim.bench.grid.plain_options import plain_options
 from coopsim.bench.grid.policies import PROCESSOR, detector_on, name_all, policy_on, require_device
-from coopsim.bench.store.fingerprint import plain_options
 from coopsim.catalog import PolicySpec
 from coopsim.errors import InvalidValueError
 from coopsim.support.checks import (

@@ -75,8 +75,17 @@ def mildest(conditions: Sequence[Condition]) -> tuple[Condition, ...]:
 def mildest_along(axis: Axis | None, conditions: Sequence[Condition]) -> list[int]:
     """Return the numbers of the conditions that are mildest on every axis but one."""
     others = [each for each in varying_axes(conditions) if each != axis]
-    least = [min((each.value(condition) for condition in conditions), key=each.harm) for each in others]
-    return [k for k, each in enumerate(conditions) if [other.value(each) for other in others] == least]
+    return [k for k, count in enumerate(_disturbed(conditions, others)) if not count]
+
+
+def disturbances(conditions: Sequence[Condition]) -> list[int]:
+    """Return the number of axes on which each condition is not at the mildest value."""
+    return _disturbed(conditions, varying_axes(conditions))
+
+
+def _disturbed(conditions: Sequence[Condition], axes: Sequence[Axis]) -> list[int]:
+    least = [min((each.value(condition) for condition in conditions), key=each.harm) for each in axes]
+    return [sum(each.value(one) != value for each, value in zip(axes, least, strict=True)) for one in conditions]
 
 
 def name_of_cell(cell: Cell, conditions: Sequence[Condition]) -> str:

@@ -15,7 +15,7 @@ import coopsim
 from coopsim.bench.grid.cell import Cell, environment_options
 from coopsim.bench.grid.grid import ATTRIBUTES, Grid
 from coopsim.bench.isolated.isolation import Isolation
-from coopsim.bench.store.fingerprint import package_digest, package_versions
+from coopsim.bench.store.packages import package_digest, package_versions
 from coopsim.catalog import PolicySpec
 from coopsim.config.load import load
 from coopsim.errors import StoreError, UnknownNameError

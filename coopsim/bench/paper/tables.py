@@ -14,11 +14,10 @@ from typing import Any
 from coopsim.bench.grid.axis import Axis
 from coopsim.bench.grid.cell import Condition
 from coopsim.bench.grid.labels import mildest, mildest_along, varying_axes
-from coopsim.bench.report.bench_text import BYTES_TITLE, form_of, format_value, interval_beside
-from coopsim.bench.report.formats import to_csv_text
 from coopsim.bench.results.result_table import ResultTable, known_mean, named
 from coopsim.bench.results.standings import BestComparison, compare_with_best
 from coopsim.bench.results.statistics import LEVEL, seeds_needed, smallest_p_value
+from coopsim.bench.text.forms import BYTES_TITLE, form_of, format_value, interval_beside, to_csv_text
 from coopsim.config.spec import parse_spec
 from coopsim.metrics.built_in import BYTES, less_is_better
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from coopsim.bench.grid.labels import mildest
 from coopsim.bench.paper.tables import short_names
-from coopsim.bench.report.bytes_axis import place_bytes
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import Interval
+from coopsim.bench.text.bytes_axis import place_bytes
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.built_in import BYTES, less_is_better
 from coopsim.support.svg import to_svg

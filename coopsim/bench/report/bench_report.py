@@ -11,23 +11,16 @@ from typing import Any
 
 from coopsim.bench.grid.labels import label, values_of, varying_axes
 from coopsim.bench.report.bench_tables import condition_table, failures, leaderboard
-from coopsim.bench.report.bench_text import COUNTS_TITLE, METHODS_TITLE, interval_kinds
-from coopsim.bench.report.clips import Clip
+from coopsim.bench.report.crashes_page import crashes_section
+from coopsim.bench.report.film_data import DRAWING
+from coopsim.bench.report.film_section import FilmSection, sections_html
 from coopsim.bench.report.formats import definitions, fill_page
-from coopsim.bench.report.keys import FALSE_NOTE, SCENE, keys_html
-from coopsim.bench.report.lie_pages import lie_data, lies_section
-from coopsim.bench.report.lie_pairs import FilmedLie
-from coopsim.bench.report.scene import DRAWING, Scene
+from coopsim.bench.report.scene import Scene
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.safety.pair_pages import Filmed, pair_data, pairs_section
-from coopsim.bench.safety.pairs import CRASH
-from coopsim.bench.safety.safety_page import crashes_section
+from coopsim.bench.text.bench_text import COUNTS_TITLE, METHODS_TITLE
+from coopsim.bench.text.forms import interval_kinds
 from coopsim.metrics.built_in import BYTES, all_metrics, less_is_better
 from coopsim.support.files import write_whole
-
-_CLIPS_NOTE = f"""<p class="note">Windows in which a policy fell farthest behind the best one in the same condition and
-seed, varied in policy, condition and traffic. Left the policy, right the best one at the same time. The agent is the
-one whose MOTA differs most. {FALSE_NOTE}</p>"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,21 +36,14 @@ class About:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Played:
-    """Runs that a report plays, and lines on those that are missing.
+    """Films that a report plays, by section, and lines on those that are missing."""
 
-    Attributes:
-        clips: clips of the worst moments, shown where no car was driven.
-        pairs: recordings of telling pairs, shown where cars were driven.
-        notes: lines on missing ones of these.
-        lies: films of pairs with a lie.
-        lie_notes: lines on missing ones of these.
-    """
-
-    clips: Sequence[Clip] = ()
-    pairs: Filmed = ()
+    sections: Sequence[FilmSection] = ()
     notes: Sequence[str] = ()
-    lies: Sequence[FilmedLie] = ()
-    lie_notes: Sequence[str] = ()
+
+    def data(self) -> list[dict[str, Any]]:
+        """Return plain data of all figures for the page's script."""
+        return [figure.data for section in self.sections for figure in section.figures]
 
 
 def write_bench_report(
@@ -79,8 +65,8 @@ def render_bench_report(
 ) -> str:
     """Return the report as HTML; equal results give equal text.
 
-    Where cars were driven it has their crash rates. Sections of `played` runs without any run and note are left out;
-    without a `scene` of runs to watch side by side, the sections "From above", "Reward over time" and "Cameras".
+    Where cars were driven it has their crash rates. Sections of `played` films without a figure are left out; without a
+    `scene` of runs to watch side by side, the sections "From above", "Reward over time" and "Cameras".
     """
     shown, played = table.shown, played or Played()
     return fill_page(
@@ -98,10 +84,7 @@ def render_bench_report(
         interval=_interval_note(table),
         scene=scene.html() if scene else "",
         crashes=crashes_section(table),
-        lies=lies_section(played.lies, played.lie_notes, table, len(played.pairs)),
-        clips=pairs_section(played.pairs, played.notes, table)
-        if CRASH in table.metrics
-        else _clips(table, played.clips, played.notes),
+        films=sections_html(played.sections, played.notes),
         tables="".join(
             f"<details{' open' * (k == 0)}><summary>{html.escape(label(condition, table.conditions))}</summary>"
             f"{condition_table(table, k)}</details>"
@@ -144,32 +127,6 @@ def _interval_note(table: ResultTable) -> str:
     return f"{meaning}; whiskers end where the scale does. {table.caution}".rstrip()
 
 
-def _clips(table: ResultTable, clips: Sequence[Clip], notes: Sequence[str]) -> str:
-    if not clips and not notes:
-        return ""
-    parts = []
-    for k, clip in enumerate(clips):
-        moment = clip.moment
-        cell = moment.worst.cell
-        where = f"{label(cell.condition, table.conditions)}, seed {cell.seed}"
-        names = [html.escape(result.cell.policy) for result in (moment.worst, moment.best)]
-        means = [f"{result.rewards[moment.first : moment.last].mean():.2f}" for result in (moment.worst, moment.best)]
-        panels = "".join(
-            f'<div><b>{name}</b> <span class="dim">reward {mean}</span>'
-            f'<canvas data-run="{run}" role="img" aria-label="{name} from above"></canvas></div>'
-            for run, (name, mean) in enumerate(zip(names, means, strict=True))
-        )
-        caption = f"{html.escape(where)}, tracks of {html.escape(clip.agent)}"
-        parts.append(
-            f'<figure class="clip" data-clip="{k}"><figcaption>{names[0]} against {names[1]}: {caption}</figcaption>'
-            f'<div class="pair">{panels}</div><div class="player"><button>Play</button><input type="range" min="0" '
-            'value="0" aria-label="frame" autocomplete="off"><output></output></div></figure>'
-        )
-    listed = "".join(f'<p class="note">{html.escape(note)}</p>' for note in notes)
-    legend = keys_html(SCENE) if clips else ""
-    return f"<section><h2>Worst moments</h2>{_CLIPS_NOTE}{legend}{''.join(parts)}{listed}</section>"
-
-
 def _data(table: ResultTable, played: Played) -> dict[str, Any]:
     axes = varying_axes(table.conditions)
     texts = [values_of(axis, table.conditions) for axis in axes]
@@ -201,8 +158,7 @@ def _data(table: ResultTable, played: Played) -> dict[str, Any]:
         "values": {name: _intervals(table, name) for name in metrics},
         "bytes": BYTES,
         "drawing": dict(DRAWING),
-        "clips": [clip.data() for clip in played.clips],
-        "pairs": [*map(pair_data, played.pairs), *map(lie_data, played.lies)],
+        "pairs": played.data(),
     }
 
 

@@ -7,17 +7,11 @@ import math
 from collections.abc import Sequence
 
 from coopsim.bench.grid.labels import name_of_cell, short_label
-from coopsim.bench.report.bench_text import (
-    BYTES_TITLE,
-    LEAST_DISTURBED,
-    form_of,
-    format_value,
-    interval_beside,
-    title_of,
-)
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import Standing, standings
 from coopsim.bench.results.statistics import Interval
+from coopsim.bench.text.bench_text import LEAST_DISTURBED
+from coopsim.bench.text.forms import BYTES_TITLE, form_of, format_value, interval_beside, title_of
 from coopsim.metrics.built_in import BYTES, all_metrics, less_is_better
 
 _STRIP_PX = (110, 14)

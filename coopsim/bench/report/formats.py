@@ -1,26 +1,12 @@
-"""File formats of reports: CSV and self-contained HTML pages."""
+"""Self-contained HTML pages."""
 
 from __future__ import annotations
 
-import csv
 import html
-import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib import resources
 from string import Template
-from typing import Any
-
-
-def to_csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Format rows as CSV, with a heading; all rows have the names of the first. No rows give an empty text."""
-    if not rows:
-        return ""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
 
 
 def fill_page(

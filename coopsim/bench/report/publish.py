@@ -3,38 +3,35 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
-from coopsim.bench.engine.job import Job, run_job
+from coopsim.bench.films.choice import Films
+from coopsim.bench.films.crash_pairs import CRASH, filmed_pairs, telling_pairs
+from coopsim.bench.films.lie_pairs import filmed_lies, lie_pairs
+from coopsim.bench.films.moments import filmed_moments, worst_windows
 from coopsim.bench.grid.axis import NOBODY_LIES
-from coopsim.bench.grid.cell import Cell, CellResult
+from coopsim.bench.grid.cell import CellResult
 from coopsim.bench.grid.grid import LISTS
-from coopsim.bench.isolated.isolation import FRAME_LIMIT_S, Isolation
 from coopsim.bench.paper.protocol_text import protocol_text
 from coopsim.bench.paper.provenance import Provenance
 from coopsim.bench.paper.tables import interval_csv, latex_tables
 from coopsim.bench.paper.trade_off_plot import trade_off
+from coopsim.bench.report import crash_figures, lie_figures, moment_figures
 from coopsim.bench.report.bench_plots import plots
 from coopsim.bench.report.bench_report import About, Played, write_bench_report
-from coopsim.bench.report.bench_text import to_csv, to_markdown
-from coopsim.bench.report.clips import RunCell, film
-from coopsim.bench.report.lie_pairs import film_lies, lie_pairs
-from coopsim.bench.report.lies_text import to_lies_markdown
+from coopsim.bench.report.film_section import FilmSection
+from coopsim.bench.report.keys import SCENE
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.standings import worst_windows
-from coopsim.bench.safety.pairs import CRASH, film_pairs, telling_pairs
 from coopsim.bench.safety.safety_plots import crash_plots
 from coopsim.bench.safety.safety_text import to_safety_markdown
-from coopsim.catalog import PolicySpec, refuse_writing
-from coopsim.episode import Recorder
-from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
+from coopsim.bench.text.bench_text import to_csv, to_markdown
+from coopsim.bench.text.lies_text import to_lies_markdown
+from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.metrics.built_in import BYTES
 from coopsim.metrics.metric import PRIMARY_METRIC
-from coopsim.support.checks import require_count, require_non_negative
+from coopsim.support.checks import require_count
 from coopsim.support.files import make_folder, write_whole
-from coopsim.support.user_code import code_in
 
 _UNITS: Mapping[str, str] = {"_ms": "ms", "_mbit_s": "Mbit/s", "_deg": "deg", "_m": "m"}
 """Units by the endings of names."""
@@ -48,28 +45,26 @@ def publish(
     title: str = "coopsim bench",
     metrics: Sequence[str] = (),
     clips: int = 5,
-    clip_time_s: float = 120.0,
     with_plots: bool = False,
-    trust: bool = False,
     pairs: int = 10,
+    on_note: Callable[[str], object] = lambda note: None,
 ) -> tuple[Path, ...]:
     """Write `report.html`, `report.md` and `results.csv`, the files for papers, and plots as SVG files if asked for.
 
     Where agents lied, `lies.md` is written, too. Where cars were driven, `safety.md` and figures of crash rates are,
-    and the report has telling pairs in place of the worst moments. Equal results give equal files, unless the time for
-    clips runs out, which the report then says. Return the paths.
+    and the report has telling pairs in place of the worst moments. Nothing is run: clips are of the films that the
+    runs kept. Equal results with equal films give equal files. Return the paths.
 
     Args:
         folder: folder of the files, made if need be.
         results: results of every cell, failed ones included.
-        provenance: provenance of the results' grid; its options are needed to repeat the worst moments.
+        provenance: provenance of the results' grid.
         title: title of the report.
         metrics: metrics of `report.md`, whose leaderboard is by the first one, and of the files for papers.
-        clips: largest number of clips of the worst moments, and of pairs with a lie; 0: nothing is run.
-        clip_time_s: time after which no further clip of a kind is begun.
+        clips: largest number of clips of the worst moments, and of pairs with a lie.
         with_plots: write `plots/METRIC_AXIS.svg`, for every metric of the report and every axis that varies.
-        trust: run policies again that the results name as `module:Class` or `file.py:Class`; False: they have no clips.
-        pairs: largest number of telling pairs; 0, or no clips: nothing is run.
+        pairs: largest number of telling pairs; without clips there are none.
+        on_note: called with a line on each film that is missing or broken.
 
     Raises:
         InvalidValueError: there are no results, they do not fit together, or a file cannot be written, as where a link
@@ -77,7 +72,6 @@ def publish(
         UnknownNameError: the results have no such metric.
     """
     require_count(0, clips=clips, pairs=pairs)
-    require_non_negative(clip_time_s=clip_time_s)
     table, folder, origin = ResultTable.of(results, metrics), Path(folder), provenance or Provenance()
     about = _about(origin, title)
     contents = {folder / "report.md": to_markdown(table, title, metrics), folder / "results.csv": to_csv(table)}
@@ -87,28 +81,46 @@ def publish(
             contents |= {folder / "plots" / name: text for name, text in plots(table, metric).items()}
     if any(each.attacks for each in table.conditions) and PRIMARY_METRIC in table.metrics:
         contents |= {folder / "lies.md": to_lies_markdown(table)}
-    driven = CRASH in table.metrics
-    if driven:
+    if CRASH in table.metrics:
         contents |= {folder / "safety.md": to_safety_markdown(table)}
         contents |= {folder / "plots" / name: text for name, text in crash_plots(table).items()}
     report = folder / "report.html"
     _require_within(folder, (report, *contents))
     for parent in {path.parent for path in contents}:
         make_folder(parent)
-    written = [write_whole(path, text) for path, text in contents.items()]
-    write_bench_report(report, table, about)  # complete, even if the clips are interrupted
-    isolation = origin.isolation
-    if clips and "salt" not in isolation:  # without the salt, nobody can make the same episodes
-        rerun = make_rerun(origin.grid.get("options", {}), isolation, trust=trust)
-        lies, lie_notes = film_lies(lie_pairs(table, clips), rerun, clip_time_s)
-        if driven:
-            filmed, notes = film_pairs(telling_pairs(table, pairs), rerun, clip_time_s)
-            played = Played(pairs=filmed, notes=notes, lies=lies, lie_notes=lie_notes)
-        else:
-            shown, missing = film(worst_windows(table, clips), rerun, clip_time_s)
-            played = Played(shown, notes=missing, lies=lies, lie_notes=lie_notes)
-        write_bench_report(report, table, about, played)
-    return (report, *written)
+    salted = "salt" in origin.isolation  # films would show what the salt keeps secret
+    played = played_films(table, metrics, clips, pairs) if clips and not salted else Played()
+    for note in played.notes:
+        on_note(note)
+    write_bench_report(report, table, about, played)
+    return (report, *(write_whole(path, text) for path, text in contents.items()))
+
+
+def played_films(table: ResultTable, metrics: Sequence[str], clips: int, pairs: int) -> Played:
+    """Choose what a report plays among the runs that were filmed, and read their films; arguments as of `publish`."""
+    competing = [each for each in table.results if not (each.failed or each.bound)]
+    kept, films = [each for each in competing if each.film is not None], Films()
+    several = len({each.cell.policy for each in competing}) > 1 or any(each.attacks for each in table.conditions)
+    if not kept or not several:
+        return Played(notes=[_missing(len(competing), len(competing))] if several and competing else ())
+    filmed = ResultTable.of(kept, metrics)
+    lies = [lie_figures.lie_figure(each, table) for each in filmed_lies(lie_pairs(filmed, clips), films)]
+    sections = [FilmSection("Lies", lie_figures.NOTE, lie_figures.KEYS, lies)]
+    if CRASH in table.metrics:
+        crashes = filmed_pairs(telling_pairs(filmed, pairs), films)
+        figures = [crash_figures.crash_figure(each, table) for each in crashes]
+        sections.append(FilmSection("Telling pairs", crash_figures.NOTE, crash_figures.KEYS, figures))
+    else:
+        moments = filmed_moments(worst_windows(filmed, clips), films)
+        figures = [moment_figures.moment_figure(each, table) for each in moments]
+        sections.append(FilmSection("Worst moments", moment_figures.NOTE, SCENE, figures))
+    unfilmed = len(competing) - len(kept)
+    return Played(sections, [*films.notes, *([_missing(unfilmed, len(competing))] if unfilmed else [])])
+
+
+def _missing(count: int, of: int) -> str:
+    some = "no run has a film, so there are no clips" if count == of else f"{count} of {of} runs have no film"
+    return f"{some}: `coopsim bench` of the same grid with --retry-unfilmed runs them again"
 
 
 def _about(provenance: Provenance, title: str) -> About:
@@ -146,31 +158,6 @@ def _require_within(folder: Path, paths: Iterable[Path]) -> None:
     for path in paths:
         if not path.resolve().is_relative_to(whole):
             raise InvalidValueError(f"cannot write {path}: it leads out of {folder}, to {path.resolve()}")
-
-
-def make_rerun(
-    options: Mapping[str, Any], isolation: Mapping[str, Any] | None = None, *, trust: bool = False
-) -> RunCell:
-    """Return a function that runs a cell as the benchmark does, and tells recorders of it.
-
-    `options` of the environments and `isolation` of the policies are those in the results' folder; `trust` lets it run
-    code that the cell and the options name: a policy, planner, attack or defence.
-    """
-
-    def run(cell: Cell, *recorders: Recorder) -> CellResult:
-        try:
-            condition = cell.condition
-            code = code_in([cell.policy, list(condition.settings), condition.scenario, dict(options)])
-            if code is not None and not trust:
-                raise InvalidValueError(f"it names code, {code!r}, which is run only with --trust")
-            refuse_writing(options, "the results' options")
-            apart = Isolation(FRAME_LIMIT_S if isolation else None)
-            job = Job.of(cell, options, PolicySpec.parse(cell.policy), isolation=apart)
-        except CoopsimError as error:  # the cell's policy or files are gone, or not trusted
-            return CellResult(cell, traceback=str(error))
-        return run_job(job, recorders).result
-
-    return run
 
 
 METRICS = (PRIMARY_METRIC, "AMOTA", "AMOTP", "HOTA", "IDS")

@@ -1,5 +1,5 @@
-"""Crashes in a benchmark of situations: rates, pairs of runs with and without messages, and clips of them.
+"""Crashes in a benchmark of situations: rates, what messages and lies change, and clips of pairs of runs for a talk.
 
-In: results whose cars were driven by a planner. Out: tables, sections of the report, pictures. Start at `recording.py`,
-which records a run from above, or at `crash_rates.py`, which counts.
+In: results whose cars were driven by a planner. Out: tables, figures, pictures. Start at `safety_text.py`, which
+counts, or at `pair_clip.py`, which draws.
 """

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from coopsim.bench.films.crash_pairs import CRASH
 from coopsim.bench.grid.axis import ATTACKS
 from coopsim.bench.grid.labels import varying_axes
-from coopsim.bench.report.bench_text import difference_text, form_of
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.safety.paired import Change, along, by_world, compare_runs
-from coopsim.bench.safety.pairs import CRASH
+from coopsim.bench.text.forms import difference_text, form_of
 from coopsim.metrics.built_in import BYTES
 
 COSTS = {

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw
 
+from coopsim.bench.films.recording import Recording
 from coopsim.bench.safety.panel import (
     BRAKE,
     CRASH,
@@ -23,7 +24,6 @@ from coopsim.bench.safety.panel import (
     width_of,
     wrapped,
 )
-from coopsim.bench.safety.recording import Recording
 from coopsim.geometry.se3 import Floats
 from coopsim.types.taxonomy import CLASS_NAMES
 from coopsim.viz import palette

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import rankdata
 
+from coopsim.bench.films.crash_pairs import CRASH, policy_alone
 from coopsim.bench.grid.axis import Axis
 from coopsim.bench.grid.labels import mildest, mildest_along, values_of
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import CONFIDENCE, Interval, bootstrap_difference, rate_difference
-from coopsim.bench.safety.pairs import CRASH, policy_alone
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.built_in import is_yes_no
 from coopsim.support.rng import stream

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from coopsim.bench.safety.recording import Recording
+from coopsim.bench.films.recording import Recording
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.viz import palette
@@ -109,7 +109,7 @@ class Panel:
         ground = Image.new("RGB", (FINE * self._size[0], FINE * self._size[1]), palette.BACKGROUND)
         draw = ImageDraw.Draw(ground)
         for name, color in palette.MAP.items():
-            for polygon in getattr(self._recording.road_map, name):
+            for polygon in getattr(self._recording.film.road_map, name):
                 draw.polygon(self._pixels(polygon), color)
         return ground
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from coopsim.bench.grid.axis import Axis
 from coopsim.bench.grid.labels import varying_axes
-from coopsim.bench.report.bytes_axis import place_bytes
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import Interval
 from coopsim.bench.safety.paired import along, calm
 from coopsim.bench.safety.safety_text import crash_rate
+from coopsim.bench.text.bytes_axis import place_bytes
 from coopsim.metrics.built_in import BYTES
 from coopsim.support.svg import line_style, name_ticks, to_svg
 

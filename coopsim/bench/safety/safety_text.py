@@ -9,13 +9,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from coopsim.bench.films.crash_pairs import CRASH, policy_alone
 from coopsim.bench.grid.labels import varying_axes
-from coopsim.bench.report.bench_text import difference_text, form_of, format_value, markdown_table
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import Interval, holm
 from coopsim.bench.safety.lie_costs import CRASH_HEADS, cost_heads, cost_rows, crash_rows
 from coopsim.bench.safety.paired import Change, along, calm, change, gone_at, rank_correlation
-from coopsim.bench.safety.pairs import CRASH, policy_alone
+from coopsim.bench.text.forms import difference_text, form_of, format_value, markdown_table, mean_cells, sections_text
 from coopsim.metrics.built_in import BYTES
 from coopsim.metrics.driving import DRIVING
 
@@ -47,8 +47,7 @@ def to_safety_markdown(table: ResultTable) -> str:
         ("Where the gain is gone", _gone(table), _GONE_NOTE),
         ("What predicts crashes", _predictors(table), _PREDICTORS_NOTE),
     ]
-    shown = [f"## {heading}\n\n{note}\n\n{content}" for heading, content, note in parts if content]
-    return "# Safety\n\n" + "\n\n".join(shown) + "\n"
+    return sections_text("Safety", parts)
 
 
 CHANGE_HEADS = ("policy", "situation", "pairs", "alone", "sharing", "avoided", "caused", "difference", "p")
@@ -137,12 +136,9 @@ def _lies(table: ResultTable) -> str:
 
 def _driving(table: ResultTable) -> str:
     metrics = [name for name in DRIVING if name in table.metrics]
-    chosen = calm(table)
-    values = {name: known_mean(table.values(name)[:, chosen].reshape(len(table.policies), -1), 1) for name in metrics}
-    rows = [
-        [policy, *(format_value(float(values[name][k]), form_of(name)) for name in metrics)]
-        for k, policy in enumerate(table.names.values())
-    ]
+    dashes, chosen = ["-"] * len(metrics), calm(table)
+    names = enumerate(table.names.values())
+    rows = [[policy, *(mean_cells(table, metrics, k, chosen) or dashes)] for k, policy in names]
     return markdown_table(["policy", *metrics], rows)
 
 

@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import platform
 import re
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
-from importlib.metadata import PackageNotFoundError, distributions, packages_distributions, version
-from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import coopsim
 from coopsim.bench.grid.axis import ATTACKS
 from coopsim.bench.grid.cell import Cell, scenario_options
+from coopsim.bench.grid.plain_options import plain_options
 from coopsim.bench.grid.policies import arithmetic_of, device_of_detector, has_network
-from coopsim.bench.store.closure import RUN, Package, code_files, digest_of_file, scan
+from coopsim.bench.store.closure import RUN, Package, scan
+from coopsim.bench.store.metric_spec import MetricSpec
+from coopsim.bench.store.packages import (
+    digest,
+    files_of,
+    installed_parts,
+    installed_versions,
+    package_digest,
+    package_versions,
+    texts_of,
+    versions_of,
+)
 from coopsim.catalog import SCENARIO_SUFFIXES, PolicySpec, is_recordings_folder
 from coopsim.config.spec import parse_spec
 from coopsim.config.yaml_file import path_from, read_yaml
@@ -30,23 +38,14 @@ from coopsim.metrics.built_in import recorders_read
 from coopsim.support.registrations import added_parts
 from coopsim.support.user_code import modules_beside
 
-if TYPE_CHECKING:
-    from coopsim.bench.engine.job import MetricSpec
-
 LAYOUT = 3
 """Raise this number when equal inputs give other results or another file."""
-
-_PACKAGES = ("numpy", "numba", "scipy", "highway-env", "embreex", "torch")
-"""Packages whose versions decide bits of a result; torch, where it is installed."""
 
 _DRAWING = ("moderngl", "pillow")
 """Further ones that decide bits of pictures."""
 
 _MOST_NAMES = 2**20
 """Bytes of a named file in which names of plug-ins are looked for: of weights, their description."""
-
-_MOST_ITEMS = 1_000_000
-"""Most items of a list among options, which are all written into every cell's file."""
 
 _WORD = re.compile(r"[\w-]+")
 
@@ -79,10 +78,10 @@ def fingerprint(
     for name, module, source in named_code:
         package = module.partition(".")[0]
         if source is not None:
-            code[name] = _digest(source.encode())
+            code[name] = digest(source.encode())
             beside = modules_beside(policy.place, source) if name == "policy" else ()
-            code |= {f"{path.stem} beside the policy": _digest("\0".join(_files_of(path)).encode()) for path in beside}
-            texts += [source, *(text for path in beside for text in _texts_of(path))]
+            code |= {f"{path.stem} beside the policy": digest("\0".join(files_of(path)).encode()) for path in beside}
+            texts += [source, *(text for path in beside for text in texts_of(path))]
         elif package != "coopsim":
             code[package] = sources.described(package)
         else:
@@ -113,7 +112,7 @@ def fingerprint(
         "options": plain,
         "metrics": sorted(metric.name for metric in metrics),
         "code": code,
-        "files": {path: _digest(content) for path, content in contents.items()},
+        "files": {path: digest(content) for path, content in contents.items()},
     }
     decided |= {"isolation": dict(isolation)} if isolation else {}
     return json.dumps(decided, sort_keys=True)
@@ -174,69 +173,18 @@ class Sources:
 
     def described(self, package: str) -> dict[str, Any]:
         """Return the versions of a package's distributions, and its digest."""
-        return {"versions": _versions(package), "sources": self.digest(package)}
+        return {"versions": versions_of(package), "sources": self.digest(package)}
 
 
 def _plug_ins(said: bytes) -> list[str]:
     """Return the packages of plug-ins, of any kind, whose names are in a text: installed, or registered by a module."""
     added = {(name, module.partition(".")[0]) for _, name, module in added_parts()}
-    return sorted({package for name, package in _installed() | added if name.encode() in said})
-
-
-@cache
-def _installed() -> set[tuple[str, str]]:
-    """Return names and packages of all parts that installed packages add by entry points."""
-    points = (point for each in distributions() for point in each.entry_points if point.group.startswith("coopsim."))
-    return {(point.name, package) for point in points if (package := point.module.partition(".")[0]) != "coopsim"}
-
-
-@cache
-def package_versions() -> Mapping[str, str]:
-    """Return the versions of the packages that decide bits of a result."""
-    return _installed_versions(_PACKAGES)
-
-
-def _installed_versions(names: Iterable[str]) -> dict[str, str]:
-    found = dict[str, str]()
-    for name in names:
-        with suppress(PackageNotFoundError):
-            found[name] = version(name)
-    return found
+    return sorted({package for name, package in installed_parts() | added if name.encode() in said})
 
 
 def key_of(text: str) -> str:
     """Return the key of a fingerprint, 32 hexadecimal digits."""
-    return _digest(text.encode())[:32]
-
-
-def plain_options(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options as JSON has them, so that they mean the same in every process.
-
-    Raises:
-        InvalidValueError: an option is an object, such as a detector, or has too many items; the message names it.
-    """
-    return {name: _plain(name, value) for name, value in options.items()}
-
-
-def _plain(name: str, value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(f"{name}.{key}", part) for key, part in value.items()}
-    if name == "place_seed" and isinstance(value, range) and value and value.step == 1 and value.start >= 0:
-        return f"{value.start}-{value[-1]}"  # as in files and on the command line: it may have a billion numbers
-    if isinstance(value, (list, tuple, range)):
-        if len(value) > _MOST_ITEMS:
-            raise InvalidValueError(
-                f"{name} must have at most {_MOST_ITEMS} items, got {len(value)}: for a range of places use "
-                "a text like '0-999999999'"
-            )
-        return [_plain(name, part) for part in value]
-    if isinstance(value, Path):
-        return str(value)
-    if value is None or isinstance(value, (bool, int, float, str)):
-        return value
-    raise InvalidValueError(
-        f"{name} must be plain data (a number, a text, True, False, None, a list or a mapping of these), got {value!r}"
-    )
+    return digest(text.encode())[:32]
 
 
 def named_files(value: Any, folder: str = "") -> Iterator[str]:
@@ -260,47 +208,6 @@ def named_files(value: Any, folder: str = "") -> Iterator[str]:
             yield from named_files([target.rpartition(":")[0], parameters], folder)
 
 
-def _versions(package: str) -> dict[str, str]:
-    """Return the versions of a package's distributions; empty for a package that is on the path but not installed."""
-    return {name: version(name) for name in sorted(set(packages_distributions().get(package, [])))}
-
-
-def package_digest(package: str) -> str:
-    """Return a digest of the sources, data and weights of a package as they are now, 64 hexadecimal digits."""
-    return _digest("\0".join(_sources(package)).encode())
-
-
-def _sources(package: str) -> Iterator[str]:
-    """Yield names and digests of a package's files; it need not be imported."""
-    module = sys.modules.get(package)
-    spec = None if module is not None else find_spec(package)
-    roots = getattr(module, "__path__", None) if spec is None else spec.submodule_search_locations
-    if roots is None:
-        origin = spec.origin if spec is not None else getattr(module, "__file__", None)
-        if origin is None:
-            raise InvalidValueError(f"parts must be registered by a file, got some of {package!r}, which has none")
-        roots = [origin]
-    for root in roots:
-        yield from _files_of(Path(root))
-
-
-def _files_of(root: Path) -> Iterator[str]:
-    """Yield the digest of a file, or names and digests of a folder's files of code and data."""
-    if not root.is_dir():
-        yield digest_of_file(root)
-        return
-    for path in code_files(root):
-        yield path.relative_to(root).as_posix()
-        yield digest_of_file(path)
-
-
-def _texts_of(path: Path) -> Iterator[str]:
-    """Yield the texts of a file of code, or of those in a folder."""
-    for each in code_files(path) if path.is_dir() else [path]:
-        if each.suffix == ".py":
-            yield each.read_text(encoding="utf-8", errors="replace")
-
-
 def _has_cameras(scenario: str, options: Mapping[str, Any], needs: Any) -> bool:
     """Return whether images of a simulated world's cameras are drawn in a cell."""
     if is_recordings_folder(scenario):
@@ -313,8 +220,4 @@ def _renderer(name: str) -> dict[str, Any]:
     """Return the renderer that an option means on this machine, and the versions of the packages that it draws with."""
     from coopsim.sensors.camera.renderers import resolved_renderer
 
-    return {"name": resolved_renderer(name), "packages": _installed_versions(_DRAWING)}
-
-
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
+    return {"name": resolved_renderer(name), "packages": installed_versions(_DRAWING)}

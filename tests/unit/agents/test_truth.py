@@ -16,18 +16,19 @@ from coopsim.bench.demo import Demo, DemoConfig
 from coopsim.bench.detect.detect import Measured, markdown_table, row_of
 from coopsim.bench.detect.detect_plan import DetectPlan
 from coopsim.bench.detect.perceived import Perceived
+from coopsim.bench.films.moments import worst_windows
 from coopsim.bench.grid.grid import Grid
 from coopsim.bench.isolated.isolation import Isolation
 from coopsim.bench.leaderboard import evaluate_each
 from coopsim.bench.paper.provenance import Provenance
 from coopsim.bench.report.bench_tables import condition_table, leaderboard
-from coopsim.bench.report.bench_text import to_csv, to_markdown
-from coopsim.bench.report.comparison_text import to_text
 from coopsim.bench.report.publish import paper_files
 from coopsim.bench.results.comparison import as_one_policy, compare_results
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.results.standings import standings, worst_windows
+from coopsim.bench.results.standings import standings
 from coopsim.bench.store.store import Store
+from coopsim.bench.text.bench_text import to_csv, to_markdown
+from coopsim.bench.text.comparison_text import to_text
 from coopsim.errors import InvalidValueError, PolicyMismatchError
 from coopsim.types import Observation, Tracks
 

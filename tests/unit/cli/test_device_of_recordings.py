@@ -53,11 +53,11 @@ def test_a_device_that_is_not_there_is_refused(recordings: str, capsys: pytest.C
 def test_a_clip_is_run_on_the_device(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     met: list[str] = []
 
-    def stop(grid: object, run: object, seeds: object) -> None:
+    def stop(grid: object, seeds: object) -> None:
         met.extend(getattr(grid, "policies"))  # noqa: B009
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("coopsim.bench.safety.pairs.search_pair", stop)
+    monkeypatch.setattr("coopsim.bench.search_pair.search_pair", stop)
     typed = [
         "clip",
         "occluded_pedestrian",

@@ -12,8 +12,8 @@ import pytest
 
 import coopsim
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
-from coopsim.bench.report.bench_text import to_rows
 from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.text.bench_text import to_rows
 from coopsim.cli import main
 from coopsim.cli.detect_command import _noises
 from coopsim.cli.entry import _COMMANDS, make_parser

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from representatives import all_of
 from scipy import stats
 
 from coopsim.errors import CoopsimError, InvalidValueError
@@ -135,7 +136,7 @@ def test_other_errors_leave_the_white_noise_alone() -> None:
     assert np.ptp(biased - plain, axis=0).max() < 1e-9
 
 
-@pytest.mark.parametrize("outage", [False, True])
+@pytest.mark.parametrize("outage", all_of([False, True], True))
 def test_an_honest_covariance_is_that_of_the_errors(outage: bool) -> None:
     """Over many seeds; in an outage of 100 frames all errors of the odometry have added up."""
     noise = PoseNoise(0.3, 0.02, "laplace", 1.0, 0.2, 0.01, 1.0, 0.1)

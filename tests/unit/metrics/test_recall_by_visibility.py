@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from coopsim.bench.report.bench_text import format_visibility
+from coopsim.bench.text.score_text import format_visibility
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.metrics.evaluator import Evaluator
 from coopsim.metrics.score import GroupRecall, Score, summarize

@@ -10,6 +10,7 @@ import pytest
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.interfaces.planner import PlannedCar, make_planner
+from coopsim.planning.idm_aeb import _predicted
 from coopsim.types import Tracks
 from coopsim.types.driving import (
     GIVES_WAY,
@@ -201,3 +202,18 @@ def test_wrong_settings_are_refused(setting: str) -> None:
 def test_it_stands_before_a_red_light() -> None:
     out = drive([], speed=10.0, seconds=60, bend=lambda along: -1e-9 if along >= 60 else 13.9)  # any limit of 0 or less
     assert 58 < out.along[-1] < 61 and out.speed[-1] == 0 and min(out.acceleration) > -3.5
+
+
+def test_who_turns_is_predicted_on_its_circle() -> None:
+    """Its places are on a circle with the radius v / w, and it heads along it; who does not turn goes on straight."""
+    speed, rate, times = 8.0, np.array([0.5, -0.5, 0.0]), np.array([0.0, 0.7, 2.0])
+    boxes = Boxes3D.from_array(np.tile([3.0, -1.0, 0.8, 4.5, 1.9, 1.6, 0.0], (3, 1)))
+    heading_along_x = np.tile([speed, 0.0], (3, 1))
+    tracks = Tracks(np.arange(3), boxes, heading_along_x, np.ones(3), np.zeros(3, int))
+    center, heading = _predicted(tracks, heading_along_x, rate, times)
+    for k, each in enumerate(rate[:2]):
+        radius, angle = speed / each, each * times
+        circle = np.column_stack([3.0 + radius * np.sin(angle), -1.0 + radius * (1 - np.cos(angle))])
+        np.testing.assert_allclose(center[:, k], circle, atol=1e-9)
+        np.testing.assert_allclose(heading[:, k], angle, atol=1e-12)
+    np.testing.assert_allclose(center[:, 2], np.column_stack([3.0 + speed * times, np.full(3, -1.0)]), atol=1e-9)

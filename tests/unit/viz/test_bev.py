@@ -16,6 +16,7 @@ from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
 from coopsim.types import Tracks
+from coopsim.types.lies import Lie
 from coopsim.viz import palette
 from coopsim.viz.bev import SPAN_M, BevFrame, BevRenderer
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
@@ -240,3 +241,9 @@ class TestWindow:
             env.close()
         # At reset, then what each step scored, then once more by hand; and all of it again after close.
         assert shown == [0, 0, 100_000_000, 100_000_000] * 2
+
+
+def test_a_claim_of_a_liar_has_a_colour_of_its_own() -> None:
+    lie = Lie(0, "cav_0", "ghost", claimed=box(20, 10))
+    assert len(where(draw(replace(frame(), lies=(lie,))), palette.LIE)) > 10
+    assert not len(where(draw(frame()), palette.LIE))

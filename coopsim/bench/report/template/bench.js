@@ -208,17 +208,6 @@ function placeOf({ frames, agent }, index) {
   return (agents.find(([name]) => name === agent) ?? [null, ...origin]).slice(1, 3);
 }
 
-document.querySelectorAll("[data-clip]").forEach((figure) => {
-  const clip = decodeScene({ ...data.drawing, ...data.clips[figure.dataset.clip] });
-  const clock = figure.querySelector("output");
-  const canvases = [...figure.querySelectorAll("canvas")];
-  playing(figure, clip.frames.length, clip.dt_s, (index) => {
-    const view = { agent: clip.agent, eye: placeOf(clip, index), span: 110, layers: LAYERS };
-    canvases.forEach((canvas) => drawFromAbove(canvas, clip, index, clip.runs[canvas.dataset.run].tracks, view));
-    clock.value = `${(clip.start_s + index * clip.dt_s).toFixed(1)} s`;
-  });
-});
-
 document.querySelectorAll("[data-pair]").forEach((figure) => {
   const pair = data.pairs[figure.dataset.pair];
   const sides = pair.sides.map((side) => decodeScene({ ...data.drawing, ...pair, ...side }));
@@ -228,10 +217,10 @@ document.querySelectorAll("[data-pair]").forEach((figure) => {
     canvases.forEach((canvas) => {
       const side = sides[canvas.dataset.side];
       const index = Math.min(wanted, side.frames.length - 1); // after a crash, or the episode, it stands
-      const view = { agent: side.agent, eye: pair.eye ?? placeOf(side, index), span: 80, layers: LAYERS };
+      const view = { agent: side.agent, eye: pair.eye ?? placeOf(side, index), span: pair.span, layers: LAYERS };
       drawFromAbove(canvas, side, index, side.runs[0].tracks, view);
       if (side.lies) drawLies(canvas, side, index, view);
-      drawMarks(canvas, side, index, view);
+      if (side.marks) drawMarks(canvas, side, index, view);
     });
     clock.value = `${(pair.start_s + wanted * pair.dt_s).toFixed(1)} s`;
   });

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import pytest
 from helpers.script_parts import forget, parts_of_a_script
 
 from coopsim.bench.engine.engine import run_locally, run_work
@@ -24,6 +25,7 @@ class Ask:
     lost = died
 
 
+@pytest.mark.usefixtures("started_anew")
 def test_work_knows_what_the_script_has_registered() -> None:
     with parts_of_a_script():
         assert list(run_locally(iter([Ask()]), 1)) == ["(0.25, True)"]

@@ -20,8 +20,8 @@ from coopsim.bench.grid.grid_file import find_grid
 from coopsim.bench.grid.labels import label, mildest, short_label, varying_axes
 from coopsim.bench.paper.protocol_text import protocol_text
 from coopsim.bench.paper.provenance import Provenance
-from coopsim.bench.report.bench_text import to_csv
 from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.text.bench_text import to_csv
 from coopsim.catalog import PolicySpec
 from coopsim.cli.argument_types import varied, varied_option
 from coopsim.errors import CoopsimError, GridFileError, InvalidValueError, UnknownNameError

@@ -20,10 +20,10 @@ from synthetic_results import FRAMES, LATENCIES, failed, result, results
 from coopsim.bench.grid.cell import Cell, Condition
 from coopsim.bench.report.bench_plots import plots
 from coopsim.bench.report.bench_report import About, Played, render_bench_report, write_bench_report
-from coopsim.bench.report.bench_text import leaderboard_text, to_csv, to_markdown
 from coopsim.bench.report.publish import publish
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import mean_interval
+from coopsim.bench.text.bench_text import leaderboard_text, to_csv, to_markdown
 from coopsim.errors import UnknownNameError
 from tests.helpers.crashes import crash_results
 

@@ -16,16 +16,17 @@ import pytest
 from html_page import HOSTILE, Page
 from PIL import Image
 
+from coopsim.bench.films.film import ALL, TURN_RAD, FilmFrame, to_rows
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.report.bench_report import About, render_bench_report, write_bench_report
-from coopsim.bench.report.scene import TURN_RAD, UNIT_M, Scene, SceneRun
+from coopsim.bench.report.film_data import UNIT_M
+from coopsim.bench.report.scene import Scene, SceneRun
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
-from coopsim.types import Tracks
 from coopsim.viz import palette
-from coopsim.viz.bev import BevFrame
+from coopsim.viz.bev import BevFrame, footprints
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
 
 FRAMES, SPEED_M = 5, 3000.0
@@ -41,21 +42,17 @@ REPORTED = ((10.3, 2.1, 0.4), (40.0, 9.0, 9.0), (-20.0, 0.0, -1.0))
 IDS = (4, 1, 70000)
 
 
-def bev(k: int) -> BevFrame:
+def bev(k: int) -> FilmFrame:
     truth = boxes(k, *TRUTH)
     zeros = np.zeros(2, dtype=int)
     actors = Actors(np.array([1, 2]), truth, np.zeros((2, 2)), zeros, zeros, np.zeros((2, 3), np.uint8))
     body = AgentBody("cav_0", "cav", 1, SE3.from_xyz_yaw([k * SPEED_M, 0, 0], 0.0), 1.6)
-    return BevFrame(
-        k * 100_000_000, actors, {"cav_0": body}, np.array([[k * SPEED_M + 7.0, -3.0, 1.0], [1e9, 0, 0]]), {}
-    )
+    points = np.array([[k * SPEED_M + 7.0, -3.0, 1.0], [1e9, 0, 0]])
+    return FilmFrame.of(BevFrame(k * 100_000_000, actors, {"cav_0": body}, points, {}), {ALL: points})
 
 
 def run(label: str = "late_fusion, 0 ms", policy: str = "late_fusion") -> SceneRun:
-    reported = [
-        {"cav_0": Tracks(np.array(IDS), boxes(k, *REPORTED), np.zeros((3, 2)), np.ones(3), np.zeros(3, dtype=int))}
-        for k in range(FRAMES)
-    ]
+    reported = [{"cav_0": to_rows(np.array(IDS), footprints(boxes(k, *REPORTED)))} for k in range(FRAMES)]
     return SceneRun(label, policy, np.linspace(-1, 1, FRAMES), reported)
 
 
@@ -95,7 +92,7 @@ def test_one_file_that_fetches_nothing() -> None:
 @pytest.mark.parametrize("text", HOSTILE)
 def test_labels_stay_text(text: str) -> None:
     plain = Page(render(scene(cameras={"a": {"b": np.zeros((2, 2, 3), np.uint8)}})))
-    hostile_run = replace(run(label=text, policy=text), tracks=[{text: Tracks.empty()}] * FRAMES)
+    hostile_run = replace(run(label=text, policy=text), tracks=[{text: np.zeros((0, 6), np.int32)}] * FRAMES)
     cameras = {text: {text: np.zeros((2, 2, 3), np.uint8)}}
     page = Page(render(scene(hostile_run, cameras=cameras), text, {text: text}))
     assert [(tag, attrs.keys()) for tag, attrs, _ in page.elements] == [

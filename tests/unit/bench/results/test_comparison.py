@@ -14,9 +14,9 @@ import pytest
 from synthetic_results import LATENCIES, failed, results
 
 from coopsim.bench.grid.cell import CellResult, Condition
-from coopsim.bench.report.comparison_text import to_csv, to_dict, to_text
 from coopsim.bench.results.comparison import as_one_policy, compare_results
 from coopsim.bench.results.statistics import LEVEL
+from coopsim.bench.text.comparison_text import to_csv, to_dict, to_text
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.support.rng import stream
 

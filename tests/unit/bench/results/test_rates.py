@@ -14,8 +14,6 @@ from synthetic_results import results
 
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.paper.tables import latex_tables
-from coopsim.bench.report.bench_text import to_markdown
-from coopsim.bench.report.comparison_text import to_dict, to_text
 from coopsim.bench.results.comparison import DEFAULT_METRICS, compare_results
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import standings
@@ -27,6 +25,8 @@ from coopsim.bench.results.statistics import (
     sign_flip_p_value,
     smallest_p_value,
 )
+from coopsim.bench.text.bench_text import to_markdown
+from coopsim.bench.text.comparison_text import to_dict, to_text
 
 
 def flags(yes: int, count: int) -> NDArray[np.float64]:

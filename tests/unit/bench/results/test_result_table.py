@@ -12,9 +12,9 @@ from synthetic_results import EFFECTS, FRAMES, LATENCIES, failed, result, result
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.grid.labels import label, mildest, varying_axes
 from coopsim.bench.report.bench_report import About, render_bench_report
-from coopsim.bench.report.bench_text import to_markdown
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import compare_with_best, standings
+from coopsim.bench.text.bench_text import to_markdown
 from coopsim.errors import InvalidValueError, UnknownNameError
 
 

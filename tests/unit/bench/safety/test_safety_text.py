@@ -11,8 +11,8 @@ from html_page import Page
 from coopsim.bench.grid.cell import Condition
 from coopsim.bench.report.bench_plots import plots
 from coopsim.bench.report.bench_report import About, render_bench_report
+from coopsim.bench.report.crashes_page import answers_of, crashes_section, matrix_html
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.safety.safety_page import answers_of, crashes_section, matrix_html
 from coopsim.bench.safety.safety_plots import crash_plots
 from coopsim.bench.safety.safety_text import to_safety_markdown
 from tests.helpers.crashes import RATES, crash_results

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from helpers.script_parts import parts_of_a_script
 from jobs_here import no_workers
+from representatives import all_of
 
 import coopsim
 from coopsim.bench.benchmark import benchmark
@@ -138,7 +139,10 @@ def test_lost_cells_are_run_again_by_the_same_call(tmp_path: Path, monkeypatch: 
     assert not any(each.failed for each in benchmark(grid, tmp_path))
 
 
-@pytest.mark.parametrize("group", ["detectors", "embedders", "codecs", "uplinks", "fusions", "backbones", "policies"])
+GROUPS = ("detectors", "embedders", "codecs", "uplinks", "fusions", "backbones", "policies")
+
+
+@pytest.mark.parametrize("group", all_of(GROUPS, "embedders", "policies"))
 def test_plug_ins_of_every_kind_that_are_named_decide(
     group: str, on_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -149,14 +153,14 @@ def test_plug_ins_of_every_kind_that_are_named_decide(
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: their-parts-of-a-test\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(f"[coopsim.{group}]\ntheir_part = {package.name}:Part\n")
-    fingerprints._installed.cache_clear()
+    fingerprints.installed_parts.cache_clear()
     before, without = decided(part="their_part(x=1)"), decided()
     (package / "__init__.py").write_text("version = 2, edited\n")
     assert package.name in before["code"] and package.name not in without["code"]
     assert decided(part="their_part(x=1)")["code"][package.name] != before["code"][package.name]
     assert decided() == without and package.name not in sys.modules
     assert package.name in decided("late_fusion(delayed='their_part')")["code"]
-    fingerprints._installed.cache_clear()
+    fingerprints.installed_parts.cache_clear()
 
 
 def test_arithmetic_python_and_the_renderer_that_draws_decide(monkeypatch: pytest.MonkeyPatch) -> None:

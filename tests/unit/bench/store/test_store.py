@@ -16,8 +16,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
+from coopsim.bench.store.cell_file import _checksum, _row, decode, encode
 from coopsim.bench.store.fingerprint import fingerprint, key_of
-from coopsim.bench.store.store import Store, _checksum, _row, decode, encode
+from coopsim.bench.store.store import Store
 from coopsim.catalog import PolicySpec
 from coopsim.errors import InvalidValueError, StoreError
 

@@ -27,6 +27,7 @@ def test_clips_come_in_order_for_any_number_of_workers(workers: int) -> None:
         assert [ahead.clip(k).key for k in range(5, 12)] == [f"clip {k}" for k in range(5, 12)]
 
 
+@pytest.mark.usefixtures("started_anew")
 def test_a_worker_makes_the_same_bits() -> None:
     source = SimulatedClips(SMALL, seed=1)
     with ClipsAhead(source) as ahead:

@@ -31,7 +31,7 @@ def test_by_default_no_clip_has_them_and_a_share_of_0_changes_no_bit() -> None:
 
 def test_the_share_of_clips_is_about_that_asked_for() -> None:
     recipe = replace(SMALL, realistic_share=0.6)
-    real = [draw_world(recipe, 0, index).realism is not None for index in range(24)]
+    real = [draw_world(recipe, 0, index).realism is not None for index in range(12)]
     assert 0.35 < np.mean(real) < 0.85
 
 

@@ -87,7 +87,7 @@ def test_calibrated_scores_are_the_share_of_right_boxes() -> None:
 def test_a_training_stores_the_calibration_of_its_scores(tmp_path: Path) -> None:
     recipe = TrainingRecipe(
         "tiny",
-        steps=120,
+        steps=60,
         batch=4,
         block=1,
         lr=0.02,

@@ -144,8 +144,8 @@ def test_errors_of_poses_and_delays_move_what_is_heard() -> None:
     np.testing.assert_allclose(exact.receiver_SE3_sender(1, 0, 1, 0).translation, then - now, atol=1e-9)
 
 
-@pytest.mark.heavy("three trainings, one of them in two parts")
-def test_stage_two_begins_where_stage_one_ended_and_goes_on_after_an_interruption(tmp_path: Path) -> None:
+@pytest.mark.heavy("two trainings")
+def test_stage_two_begins_where_stage_one_ended(tmp_path: Path) -> None:
     before = encoder_digest(load_detector(recipe_of().detector))
     first = train(recipe_of(), tmp_path / "one", source=CLIPS, workers=0)
     assert encoder_digest(load_detector(recipe_of().detector)) == before  # frozen, statistics and all
@@ -154,20 +154,26 @@ def test_stage_two_begins_where_stage_one_ended_and_goes_on_after_an_interruptio
     for name, value in alone.agent.state_dict().items():
         assert torch.equal(started.agent.state_dict()[name], value), name
     whole = train(recipe, tmp_path / "two", source=CLIPS, workers=0)
+    card = json.loads((tmp_path / "two" / "card.json").read_text())
+    assert set(card["losses"]) == {"loss", "instance class", "instance box", "association"}
+    assert load_queries(whole, load_detector(recipe.detector), "cooptrack").config.fusion == "cooptrack"
+    with pytest.raises(CoopsimError, match="must be weights of the fusion 'univ2x', is 'cooptrack'"):
+        load_queries(whole, load_detector(recipe.detector), "univ2x")
+
+
+@pytest.mark.long  # two trainings, and the same goes for every kind; the others' tests show it
+def test_it_goes_on_after_an_interruption(tmp_path: Path) -> None:
+    recipe = recipe_of("cooptrack")
+    whole = train(recipe, tmp_path / "whole", source=CLIPS, workers=0)
 
     def stop(progress: object) -> None:
         if progress.step == 3:  # type: ignore[attr-defined]
             raise InterruptedError
 
     with pytest.raises(InterruptedError):
-        train(recipe, tmp_path / "three", source=CLIPS, workers=0, show=stop)
-    train(recipe, tmp_path / "three", source=CLIPS, workers=0)
-    assert whole.read_bytes() == (tmp_path / "three" / whole.name).read_bytes()
-    card = json.loads((tmp_path / "two" / "card.json").read_text())
-    assert set(card["losses"]) == {"loss", "instance class", "instance box", "association"}
-    assert load_queries(whole, load_detector(recipe.detector), "cooptrack").config.fusion == "cooptrack"
-    with pytest.raises(CoopsimError, match="must be weights of the fusion 'univ2x', is 'cooptrack'"):
-        load_queries(whole, load_detector(recipe.detector), "univ2x")
+        train(recipe, tmp_path / "parts", source=CLIPS, workers=0, show=stop)
+    train(recipe, tmp_path / "parts", source=CLIPS, workers=0)
+    assert whole.read_bytes() == (tmp_path / "parts" / whole.name).read_bytes()
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,13 @@ from highway_env_roads import PLACES, fleet_of, make_road, network_of, numbered
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from representatives import all_of
 
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.types.messages import MANEUVERS
 from coopsim.world.places.road_network import RoadNetwork
 from coopsim.world.scenario import make_scenario
-from coopsim.world.traffic import drivers, lanes, motion, rules
+from coopsim.world.traffic import drivers, lane_geometry, motion, rules
 from coopsim.world.traffic.array_engine import ArrayEngine
 from coopsim.world.traffic.fleet import BODY, PARKED, bodies_of
 from coopsim.world.traffic.lanes import NumberedNetwork
@@ -80,7 +81,7 @@ def test_trajectories_are_highway_envs(place: str) -> None:
         ("highway", {"vehicles": 12, "buses": 8, "truck_share": 0.3}),
     ],
 )
-@pytest.mark.parametrize("control", ["traffic", "policy"])
+@pytest.mark.parametrize("control", all_of(["traffic", "policy"], "policy"))
 def test_our_drivers_do_the_same_on_either_engine(name: str, numbers: dict[str, int], control: str) -> None:
     worlds = [World(make_scenario(name, **numbers), 1, control=control, traffic=engine) for engine in ENGINES]
     for k in range(70):
@@ -146,7 +147,7 @@ places = st.tuples(_numbers(-150, 250), _numbers(-150, 150), _numbers(-7, 7))
 def test_lane_geometry_is_highway_envs(place: str, where: tuple[float, float, float]) -> None:
     network, theirs = NETWORKS[place], THEIRS[place]
     x, y, heading = where
-    spot = np.array([x, y])
+    spot, corners = np.array([x, y]), network.arrays.corners
     for row, index in zip(network.arrays.lanes, network.lane_index, strict=True):
         lane, ours = theirs.get_lane(index), network.source.get_lane(index)
         along, aside = lane.local_coordinates(spot)
@@ -157,15 +158,15 @@ def test_lane_geometry_is_highway_envs(place: str, where: tuple[float, float, fl
         np.testing.assert_allclose(ours.position(along, aside), lane.position(along, aside), rtol=1e-12, atol=1e-12)
         assert ours.heading_at(along) == pytest.approx(lane.heading_at(along), rel=1e-12)
         assert ours.contains(spot) == lane.on_lane(spot)
-        np.testing.assert_allclose(lanes.local_coordinates(row, x, y), (along, aside), atol=1e-9)
-        np.testing.assert_allclose(lanes.position_at(row, along), lane.position(along, 0), atol=1e-9)
-        assert lanes.heading_at(row, along) == pytest.approx(lane.heading_at(along), abs=1e-12)
+        np.testing.assert_allclose(lane_geometry.local_coordinates(row, corners, x, y), (along, aside), atol=1e-9)
+        np.testing.assert_allclose(lane_geometry.position_at(row, corners, along), lane.position(along, 0), atol=1e-9)
+        assert lane_geometry.heading_at(row, corners, along) == pytest.approx(lane.heading_at(along), abs=1e-12)
         distance = lane.distance(spot)
-        assert lanes.distance_to(row, x, y) == pytest.approx(distance, abs=1e-9)
-        assert lanes.distance_to_box(row, x, y) <= distance + 1e-9
+        assert lane_geometry.distance_to(row, corners, x, y) == pytest.approx(distance, abs=1e-9)
+        assert lane_geometry.distance_to_box(row, x, y) <= distance + 1e-9
     closest = theirs.get_closest_lane_index(spot, heading)
     for guess in (0, len(network.lane_index) - 1):
-        assert network.lane_index[lanes.closest_lane(network.arrays.lanes, x, y, heading, guess)] == closest
+        assert network.lane_index[lane_geometry.closest_lane(network.arrays.lanes, corners, x, y, heading, guess)] == closest
 
 
 @pytest.mark.parametrize("place", PLACES)

@@ -7,15 +7,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from coopsim.bench.films.crash_pairs import CRASH, policy_alone
 from coopsim.bench.report.bench_tables import text_table
-from coopsim.bench.report.bench_text import difference_text
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import Interval
 from coopsim.bench.safety.lie_costs import CRASH_HEADS, cost_heads, cost_rows, crash_rows
 from coopsim.bench.safety.paired import calm, change
-from coopsim.bench.safety.pairs import CRASH, policy_alone
 from coopsim.bench.safety.safety_plots import crash_plots
 from coopsim.bench.safety.safety_text import CHANGE_HEADS, change_rows, crash_rate, situations
+from coopsim.bench.text.forms import difference_text
 
 _NOTE = """<p class="note">Episodes in which the driven car crashed, where nothing disturbs, or as little as was run,
 with Wilson's 95 % intervals and their number n.</p>"""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coopsim.bench.safety.moments import Events, closed, find_moments, kept_unseen, last_view, relied_on
+from coopsim.bench.films.drive_moments import Events, closed, find_moments, kept_unseen, last_view, relied_on
 from coopsim.types import Mask
 from tests.helpers.drives import PEDESTRIAN, Thing, drive, straight
 

@@ -2,30 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from coopsim.bench.grid.cell import Cell, CellResult
-from coopsim.bench.report.clips import RunCell, changed_since
-from coopsim.bench.report.scene import Film
-from coopsim.bench.safety.moments import BY_ITSELF, Events, find_moments, in_view, tracked
-from coopsim.episode import Episode, Recorder
+from coopsim.bench.films.drive_moments import Events, find_moments, in_view, tracked
+from coopsim.bench.films.film import Film
+from coopsim.bench.grid.cell import Cell
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats, wrap_angle
-from coopsim.metrics.drive_events import find_events
 from coopsim.metrics.drive_log import Drive
-from coopsim.metrics.track_log import TrackLog
-from coopsim.viz.bev import BevFrame
 from coopsim.viz.false_tracks import is_false
-from coopsim.world.snapshot import RoadMap
-
-if TYPE_CHECKING:
-    pass
-
-_POINTS_SHOWN = 700
 
 
 class Scenery(NamedTuple):
@@ -57,25 +46,34 @@ class Scenery(NamedTuple):
 # Without slots, so that the events can be kept with it.
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A run from above.
+    """A run with a driven car from above.
 
     Attributes:
         cell: the run.
-        drive: the drive of its car, F frames.
-        road_map: outlines of the place.
-        frames: F - 1 frames with the points of the car's sweeps; nothing was reported for the last one.
+        film: its film, of F - 1 frames; nothing was reported for the last one.
         agent: name of the driven car.
-        arrived: senders whose messages reached the car, of F frames.
+        drive: the drive of its car, F frames.
         events: moments of the drive.
     """
 
     cell: Cell
-    drive: Drive
-    road_map: RoadMap
-    frames: Sequence[BevFrame]
+    film: Film
     agent: str
-    arrived: Sequence[frozenset[str]]
+    drive: Drive
     events: Events
+
+    @classmethod
+    def of(cls, cell: Cell, film: Film) -> Recording:
+        """Find the moments of a filmed run.
+
+        Raises:
+            InvalidValueError: no car was driven, or the episode did not end.
+        """
+        if film.drive is None:
+            raise InvalidValueError("a recording needs a whole episode with a driven car: use control='planner'")
+        agent, drive = film.drive.agent, film.drive.drive
+        arrived = [film.reached(agent, frame) for frame in range(len(film.arrived))]
+        return cls(cell, film, agent, drive, find_moments(drive, film.drive.first_seen, arrived))
 
     @property
     def end_s(self) -> float:
@@ -104,12 +102,12 @@ class Recording:
 
     def others(self, frame: int) -> dict[str, Floats]:
         """Return the places (2,) m of the other agents in a frame."""
-        bodies = self.frames[frame].agents.items()
-        return {name: body.world_SE3_base.translation[:2] for name, body in bodies if name != self.agent}
+        places = self.film.frames[frame].agents.items()
+        return {name: np.array(place[:2]) for name, place in places if name != self.agent}
 
     def points_at(self, time_s: float) -> Floats:
         """Return the points (P, 2) of the frame at a time."""
-        return self.frames[min(self._place(time_s)[0], len(self.frames) - 1)].points[:, :2]
+        return self.film.frames[min(self._place(time_s)[0], len(self.film.frames) - 1)].points_m(self.agent)
 
     def arrivals(self, time_s: float, within_s: float) -> Iterator[tuple[str, float]]:
         """Yield senders of messages that arrived in the time before, with seconds since then: each one's latest."""
@@ -119,8 +117,9 @@ class Recording:
             age_s = time_s - float(self.drive.time_s[number])
             if age_s > within_s:
                 return
-            yield from ((sender, max(age_s, 0.0)) for sender in sorted(self.arrived[number] - met))
-            met |= self.arrived[number]
+            arrived = self.film.reached(self.agent, number)
+            yield from ((sender, max(age_s, 0.0)) for sender in sorted(arrived - met))
+            met |= arrived
 
     def _place(self, time_s: float) -> tuple[int, float]:
         """Return the frame before a time, and the share of the step after it that has passed."""
@@ -138,58 +137,3 @@ def _between(before: Floats, after: Floats, share: float) -> Floats:
     made[..., 4] = before[..., 4] + share * turn
     found: Floats = np.where(np.isfinite(made), made, before)
     return found
-
-
-class DriveFilm(Recorder):
-    """Records a run with a driven car, frame by frame."""
-
-    def __init__(self) -> None:
-        self._film: Film | None = None
-        self._agent = ""
-        self._drive: Drive | None = None
-        self._logs: Mapping[str, TrackLog] = {}
-
-    def on_step(self, episode: Episode) -> None:
-        env = episode.env
-        if self._film is None:
-            self._agent = next(iter(env.cars), "")
-            self._film = Film(_POINTS_SHOWN, self._agent or None)
-        self._film.on_step(episode)
-        if self._agent and not env.agents:
-            self._drive, self._logs = env.records["drives"][self._agent].drive, env.logs
-
-    def recording(self, cell: Cell) -> Recording:
-        """Return the recording of the whole run.
-
-        Raises:
-            InvalidValueError: no car was driven, or the episode did not end.
-        """
-        if self._drive is None or self._film is None:
-            raise InvalidValueError("a recording needs a whole episode with a driven car: use control='planner'")
-        drive, film = _with_conflict(self._drive), self._film
-        first_seen = {agent: _first_seen(log, drive) for agent, log in self._logs.items() if agent != self._agent}
-        watchers = {agent: frame for agent, frame in first_seen.items() if frame is not None}
-        events = find_moments(drive, watchers, film.arrived)
-        return Recording(cell, drive, film.road_map, film.frames, self._agent, film.arrived, events)
-
-
-def _with_conflict(drive: Drive) -> Drive:
-    """Return a drive in which the object that it crashed into is in conflict, where no script names another."""
-    crash = None if drive.in_conflict.any() else find_events(drive).crash
-    return drive if crash is None else replace(drive, in_conflict=drive.ids == crash.object_id)
-
-
-def _first_seen(log: TrackLog, drive: Drive) -> int | None:
-    """Return the first frame in which an agent's own sensors saw what the car must not touch; None: it never did."""
-    flat = log.flat()
-    seen = np.isin(flat.truth_id, drive.ids[drive.in_conflict]) & (flat.truth_seen_by == BY_ITSELF)
-    rows = np.flatnonzero(seen)
-    return int(np.searchsorted(flat.truth_start, rows[0], side="right") - 1) if len(rows) else None
-
-
-def record(result: CellResult, run: RunCell) -> Recording | str:
-    """Run a cell again and record it; return why that failed, where it failed or gave other values."""
-    recorder, cell = DriveFilm(), result.cell
-    again = run(cell, recorder)
-    name = f"{cell.policy}, {cell.condition.scenario}, seed {cell.seed}"
-    return changed_since(name, again, result.rewards) or recorder.recording(cell)

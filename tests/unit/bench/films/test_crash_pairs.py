@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
-from coopsim.bench.grid.cell import Cell, CellResult, Condition
+from coopsim.bench.films.crash_pairs import find_pair, telling_pairs
+from coopsim.bench.grid.cell import Condition
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.safety.pairs import film_pairs, find_pair, telling_pairs
 from coopsim.errors import InvalidValueError
 from tests.helpers.crashes import crash_results
 
@@ -49,14 +48,3 @@ def test_without_a_policy_that_sends_nothing_there_are_no_pairs() -> None:
     assert telling_pairs(ResultTable.of(loud), 10) == ()
     with pytest.raises(InvalidValueError, match="must have a policy that sends nothing"):
         find_pair(ResultTable.of(loud), 1)
-
-
-def test_a_run_that_differs_from_the_stored_one_is_told_and_not_shown() -> None:
-    pairs = telling_pairs(ResultTable.of(crash_results()), 2)
-
-    def other(cell: Cell, *recorders: object) -> CellResult:
-        return CellResult(cell, rewards=np.ones(5))
-
-    filmed, notes = film_pairs(pairs, other, 60.0)
-    assert not filmed and all("something changed" in note for note in notes)
-    assert film_pairs(pairs, other, -1.0)[1] == ["2 pairs left out, as time was up after -1 s"]

@@ -1,37 +1,30 @@
-"""Pairs with a lie: the same seed while all are honest and while somebody lies, recorded from above."""
+"""Pairs with a lie: the same seed while all are honest and while somebody lies."""
 
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
+from typing import Any
 
 import numpy as np
 
-from coopsim.bench.grid.cell import Cell, CellResult
-from coopsim.bench.report.clips import RunCell, changed_since, pairs_in_time
-from coopsim.bench.report.scene import Film
+from coopsim.bench.films.choice import Films, telling
+from coopsim.bench.films.film import Film, FilmFrame, Rows, boxes_of
+from coopsim.bench.grid.cell import CellResult
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.interfaces.attack_option import attacks_by_agent
 from coopsim.metrics.built_in import less_is_better
 from coopsim.metrics.deception_log import near
 from coopsim.types import NS_PER_S
-from coopsim.types.lies import Lie
-from coopsim.viz.bev import BevFrame
-
-_REPEATED = 0.5
-"""Weight of a pair whose policy, attack or scenario was chosen before, once for each."""
 
 _DRIVEN = ("crash", "phantom_brakes", "hard_brakes", "time_lost")
 """Metrics of driven cars in which a lie can cost, the gravest first."""
 
 _LEAD_S, _SHOWN_S = 1.0, 10.0
 """Time shown before the lie tells on its receiver, and after that."""
-
-_POINTS_SHOWN = 500
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +50,7 @@ class FilmedLie:
 
     Attributes:
         pair: the pair.
-        honest: film of the honest run: its receiver's points and arrived messages.
+        honest: film of the honest run.
         attacked: film of the other one.
         first: number of the first frame that is shown.
         last: number of the frame after the last one.
@@ -107,17 +100,18 @@ def _costly(table: ResultTable, metric: str, count: int, known: set[tuple[str, s
     scenarios = np.array([condition.scenario for condition in table.conditions])
     for scenario, lie, seed in known:
         weights[:, (scenarios == scenario) & (attacks == lie), table.seeds.index(seed)] = 0.0
-    pairs: list[LiePair] = []
-    while len(pairs) < count and weights.max(initial=0.0) > 0:
-        policy, condition, seed = (int(k) for k in np.unravel_index(weights.argmax(), weights.shape))
+
+    def alike(place: tuple[int, ...]) -> tuple[Any, list[Any]]:
+        policy, condition, seed = place
+        lie, here = attacks == attacks[condition], scenarios == scenarios[condition]
+        return np.s_[:, lie & here, seed], [np.s_[policy], np.s_[:, lie], np.s_[:, here], np.s_[:, :, seed]]
+
+    def pair(policy: int, condition: int, seed: int) -> LiePair | None:
         honest = table.conditions.index(table.conditions[condition].changed(attacks=""))
-        pair = _pair(runs[policy, honest, seed], runs[policy, condition, seed], metric)
-        pairs += [] if pair is None else [pair]
-        same = attacks == attacks[condition], scenarios == scenarios[condition]
-        weights[:, same[0] & same[1], seed] = 0.0
-        for chosen in (np.s_[policy], np.s_[:, same[0]], np.s_[:, same[1]], np.s_[:, :, seed]):
-            weights[chosen] *= _REPEATED
-    return pairs
+        return _pair(runs[policy, honest, seed], runs[policy, condition, seed], metric)
+
+    found = (pair(*place) for place in telling(weights, alike))
+    return list(islice((each for each in found if each is not None), count))
 
 
 def _losses(table: ResultTable, metric: str) -> Floats:
@@ -147,38 +141,17 @@ def _pair(honest: CellResult, attacked: CellResult, metric: str) -> LiePair | No
     return LiePair(honest, attacked, metric, max(known, key=lambda name: known[name]))
 
 
-def film_lies(
-    pairs: Sequence[LiePair], run: RunCell, time_limit_s: float, clock: Callable[[], float] = time.monotonic
-) -> tuple[list[FilmedLie], list[str]]:
-    """Run the cells of pairs again and record them; none is begun after `time_limit_s`.
-
-    Return the films, and a line for each pair that could not be recorded.
-    """
-    filmed, notes = list[FilmedLie](), list[str]()
-    known: dict[tuple[Cell, str], Film | str] = {}
-    for pair in pairs_in_time(pairs, time_limit_s, clock, notes):
-        for result in (pair.honest, pair.attacked):
-            key = result.cell, pair.receiver
-            if key not in known:
-                known[key] = _shoot(result, pair.receiver, run)
-        honest, attacked = (known[result.cell, pair.receiver] for result in (pair.honest, pair.attacked))
-        if isinstance(honest, str) or isinstance(attacked, str):
-            notes += [each for each in (honest, attacked) if isinstance(each, str)]
-        elif any(frame.lies for frame in attacked.frames):
-            filmed.append(_cut(pair, honest, attacked))
-    return filmed, notes
+def filmed_lies(pairs: Sequence[LiePair], films: Films) -> list[FilmedLie]:
+    """Return the pairs whose films can be read, cut to where the lie tells on the receiver."""
+    known = ((pair, films.of(pair.honest, pair.attacked)) for pair in pairs)
+    cut = [_cut(pair, *both) for pair, both in known if both is not None]
+    return [each for each in cut if each is not None]
 
 
-def _shoot(result: CellResult, receiver: str, run: RunCell) -> Film | str:
-    """Record a run as a receiver knows it, or return why that failed."""
-    film, cell = Film(_POINTS_SHOWN, receiver), result.cell
-    again = run(cell, film)
-    name = f"{cell.policy}, {cell.condition.attacks or 'all honest'}, seed {cell.seed}"
-    return changed_since(name, again, result.rewards) or film
-
-
-def _cut(pair: LiePair, honest: Film, attacked: Film) -> FilmedLie:
-    begin = next(k for k, frame in enumerate(attacked.frames) if frame.lies)
+def _cut(pair: LiePair, honest: Film, attacked: Film) -> FilmedLie | None:
+    begin = next((k for k, frame in enumerate(attacked.frames) if frame.lies), None)
+    if begin is None:
+        return None
     tells = _tells(honest, attacked, begin, pair.receiver)
     first = max(tells - round(_LEAD_S / attacked.dt_s), 0)
     last = tells + round(_SHOWN_S / attacked.dt_s) + 1
@@ -211,22 +184,24 @@ def _tells(honest: Film, attacked: Film, begin: int, receiver: str) -> int:
     return begin
 
 
-def _first_s(film: Film, holds: Callable[[BevFrame], bool]) -> float | None:
+def _first_s(film: Film, holds: Callable[[FilmFrame], bool]) -> float | None:
     return next((frame.time_ns / NS_PER_S for frame in film.frames if holds(frame)), None)
 
 
-def _is_tracked(frame: BevFrame, receiver: str) -> bool:
-    claimed = joined(frame.lies, lambda lie: lie.claimed)
-    made_up = claimed[~near(claimed, frame.actors.boxes)]
-    return receiver in frame.tracks and bool(near(made_up, frame.tracks[receiver].boxes).any())
+def _is_tracked(frame: FilmFrame, receiver: str) -> bool:
+    claimed = boxes_of(joined(each.claimed for each in frame.lies))
+    made_up = claimed[~near(claimed, boxes_of(frame.truth))]
+    return receiver in frame.tracks and bool(near(made_up, boxes_of(frame.tracks[receiver])).any())
 
 
-def _is_lost(frame: BevFrame, receiver: str) -> bool:
-    denied = joined(frame.lies, lambda lie: lie.denied)
-    true = denied[near(denied, frame.actors.boxes)]
-    return receiver in frame.tracks and not near(true, frame.tracks[receiver].boxes).all()
+def _is_lost(frame: FilmFrame, receiver: str) -> bool:
+    denied = boxes_of(joined(each.denied for each in frame.lies))
+    true = denied[near(denied, boxes_of(frame.truth))]
+    return receiver in frame.tracks and not near(true, boxes_of(frame.tracks[receiver])).all()
 
 
-def joined(lies: Sequence[Lie], of: Callable[[Lie], Boxes3D]) -> Boxes3D:
-    """Return the boxes of all lies of a frame in one, in the world frame."""
-    return Boxes3D.concatenate(of(lie) for lie in lies)
+def joined(parts: Iterable[Rows]) -> Rows:
+    """Return the boxes of all lies of a frame, numbered anew."""
+    rows = np.concatenate([np.zeros((0, 6), np.int32), *parts])
+    rows[:, 0] = np.arange(len(rows))
+    return rows

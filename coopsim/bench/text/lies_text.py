@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from coopsim.bench.grid.axis import NOBODY_LIES
-from coopsim.bench.report.bench_text import difference_text, form_of, format_value, markdown_table
-from coopsim.bench.results.result_table import ResultTable, known_mean
+from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import bootstrap_difference
+from coopsim.bench.text.forms import difference_text, form_of, markdown_table, mean_cells, sections_text
 from coopsim.catalog import PolicySpec
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.deception import DECEPTION
@@ -32,8 +32,7 @@ def to_lies_markdown(table: ResultTable, metric: str = PRIMARY_METRIC) -> str:
         ("Honest senders doubted", _means(table, ("attacker_FPR",), lying=False), f"Means when {NOBODY_LIES}."),
         ("Lies believed", _lies(table), "Means of each policy and attack."),
     ]
-    shown = [f"## {heading}\n\n{note}\n\n{content}" for heading, content, note in parts if content]
-    return "# Lies\n\n" + "\n\n".join(shown) + f"\n\nIntervals are of 95 %, over {table.samples.text}.\n"
+    return sections_text("Lies", parts) + f"\nIntervals are of 95 %, over {table.samples.text}.\n"
 
 
 _WON_BACK_NOTE = """Change of {} against the same policy without a defence, under the same attack. The first row is what
@@ -49,10 +48,10 @@ def _attacks(table: ResultTable) -> list[tuple[str, list[int]]]:
 
 
 def _scores(table: ResultTable, metric: str) -> str:
-    rows = []
-    for attack, conditions in _attacks(table):
-        values = known_mean(table.values(metric)[:, conditions].reshape(len(table.policies), -1), axis=1)
-        rows.append([attack, *(format_value(float(value), form_of(metric)) for value in values)])
+    rows = [
+        [attack, *((mean_cells(table, [metric], k, conditions) or ["-"])[0] for k in range(len(table.policies)))]
+        for attack, conditions in _attacks(table)
+    ]
     return markdown_table(["attack", *table.names.values()], rows)
 
 
@@ -92,25 +91,18 @@ def _undefended(table: ResultTable) -> list[tuple[int, int]]:
 def _means(table: ResultTable, metrics: Sequence[str], *, lying: bool) -> str:
     known = [name for name in metrics if name in table.metrics]
     conditions = [k for k, each in enumerate(table.conditions) if bool(each.attacks) == lying]
-    rows = []
-    for k, policy in enumerate(table.names.values()):
-        means = [float(known_mean(table.values(name)[k, conditions].reshape(1, -1), axis=1)[0]) for name in known]
-        if not np.isnan(means).all():
-            cells = [format_value(mean, form_of(name)) for name, mean in zip(known, means, strict=True)]
-            rows.append([policy, *cells])
-    return markdown_table(["policy", *known], rows)
+    found = [[policy, *mean_cells(table, known, k, conditions)] for k, policy in enumerate(table.names.values())]
+    return markdown_table(["policy", *known], [row for row in found if len(row) > 1])
 
 
 def _lies(table: ResultTable) -> str:
     known = [name for name in DECEPTION if name in table.metrics]
-    rows = []
-    for attack, conditions in _attacks(table):
-        for k, policy in enumerate(table.policies):
-            means = [float(known_mean(table.values(name)[k, conditions].reshape(1, -1), axis=1)[0]) for name in known]
-            if not np.isnan(means).all():
-                cells = [format_value(mean, form_of(name)) for name, mean in zip(known, means, strict=True)]
-                rows.append([attack, table.names[policy], *cells])
-    return markdown_table(["attack", "policy", *known], rows, texts=2)
+    found = [
+        [attack, policy, *mean_cells(table, known, k, conditions)]
+        for attack, conditions in _attacks(table)
+        for k, policy in enumerate(table.names.values())
+    ]
+    return markdown_table(["attack", "policy", *known], [row for row in found if len(row) > 2], texts=2)
 
 
 def _change(table: ResultTable, metric: str, differences: Floats) -> str:

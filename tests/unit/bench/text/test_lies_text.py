@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
-from coopsim.bench.report.lies_text import to_lies_markdown
 from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.text.lies_text import to_lies_markdown
 
 GHOST = "cav_1=ghost"
 BASE = {"late_fusion": 60.0, "late_fusion(defense=made)": 58.0}

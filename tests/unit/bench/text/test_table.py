@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from coopsim.bench.report.bench_text import COLUMNS, format_table
+from coopsim.bench.text.forms import COLUMNS
+from coopsim.bench.text.score_text import format_table
 
 NAMES = ["sAMOTA", "AMOTA", "AMOTP", "MOTA", "MOTP", "IDS", "FP", "FN", "bytes/s", "frames/s"]
 

@@ -10,10 +10,9 @@ from tabulate import tabulate
 
 from coopsim.bench.grid.cell import Condition, columns_of, further_options
 from coopsim.bench.grid.labels import label
-from coopsim.bench.report.bench_text import format_p_value
-from coopsim.bench.report.formats import to_csv_text
 from coopsim.bench.results.comparison import Comparison, Difference
 from coopsim.bench.results.statistics import LEVEL, seeds_needed, smallest_p_value
+from coopsim.bench.text.forms import format_p_value, to_csv_text
 
 _UNMATCHED_SHOWN = 10
 _WORDS = {

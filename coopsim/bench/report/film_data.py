@@ -1,0 +1,86 @@
+"""Data of the views from above in pages: frames of films as small integers, for JSON."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from coopsim.bench.films.film import ALL, BOX_M, POINT_M, TURN_RAD, FilmFrame, Rows
+from coopsim.geometry.se3 import Floats
+from coopsim.viz import palette
+from coopsim.world.snapshot import RoadMap
+
+UNIT_M = POINT_M
+"""Unit of the integers that store lengths in pages."""
+
+_COLORS: Mapping[str, palette.RGB] = palette.MAP | {
+    "background": palette.BACKGROUND,
+    "point": palette.POINT,
+    "truth": palette.TRUTH,
+    "agent": palette.AGENT,
+    "text": palette.TEXT,
+    "lie": palette.LIE,
+    "track": palette.TRACK,
+    "false": palette.FALSE_TRACK,
+}
+DRAWING: Mapping[str, Any] = {
+    "unit": UNIT_M,
+    "turn": TURN_RAD,
+    "colors": {name: f"rgb{color}" for name, color in _COLORS.items()},
+    "hue_step": palette.HUE_STEP,
+    "saturation": palette.SATURATION,
+    "lightness": palette.LIGHTNESS,
+}
+"""Units of the numbers, and colours."""
+
+
+def home_of(frames: Sequence[FilmFrame]) -> Floats:
+    """Return the origin (2,) of places in pages, m in the world frame: the middle of the frames' agents halfway."""
+    return frames[len(frames) // 2].middle
+
+
+def map_data(road_map: RoadMap, home: Floats) -> dict[str, Any]:
+    """Return the outlines of a road map, by field."""
+    return {name: [(polygon - home).round(2).tolist() for polygon in getattr(road_map, name)] for name in palette.MAP}
+
+
+def frame_data(frame: FilmFrame, home: Floats, points: str = ALL) -> dict[str, Any]:
+    """Return truth and agents of a frame, and the points of an agent, or of all."""
+    return {
+        "origin": (frame.middle - home).tolist(),
+        "truth": rows_data(frame.truth, home),
+        "points": _base64(frame.points.get(points, np.zeros((0, 2))), "<i2"),
+        "agents": [[name, *place_data(place[:2], home), place.rides] for name, place in frame.agents.items()],
+    }
+
+
+def place_data(place_m: Floats | tuple[float, float], home: Floats) -> list[float]:
+    """Return a place (2,) in the world frame as pages have it."""
+    place: list[float] = (np.asarray(place_m) - home).round(2).tolist()
+    return place
+
+
+def tracks_data(tracks: Mapping[str, Rows], home: Floats) -> dict[str, str]:
+    """Return the tracks of a frame, by reporting agent."""
+    return {agent: rows_data(rows, home) for agent, rows in tracks.items()}
+
+
+def only(tracks: Mapping[str, Rows], agent: str) -> dict[str, Rows]:
+    """Return the tracks of one agent, if it has any."""
+    return {name: rows for name, rows in tracks.items() if name == agent}
+
+
+def rows_data(rows: Rows, home: Floats) -> str:
+    """Encode id, x, y, length, width, yaw of each box; lengths are rounded to `UNIT_M`."""
+    exact = rows.astype(np.float64)
+    exact[:, 1:3] -= home / BOX_M
+    exact[:, 1:5] *= BOX_M / UNIT_M
+    return _base64(np.round(exact), "<i4")
+
+
+def _base64(values: NDArray[Any], dtype: str) -> str:
+    return base64.b64encode(values.astype(dtype).tobytes()).decode()

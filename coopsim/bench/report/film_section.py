@@ -1,0 +1,88 @@
+"""Sections of a report that play films: figures of two runs side by side, with what happens in them."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from coopsim.bench.report.keys import keys_html
+
+_PLAYER = (
+    '<div class="player"><button>Play</button><input type="range" min="0" value="0" aria-label="frame" '
+    'autocomplete="off"><output></output></div>'
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """Run in a figure of two.
+
+    Attributes:
+        name: name of the run.
+        about: description beside the name.
+        moments: moments that a reader may go to, s, with what happens; None: none are offered.
+    """
+
+    name: str
+    about: str
+    moments: Sequence[tuple[float, str]] | None = None
+
+    def html(self, side: int) -> str:
+        """Return the panel as HTML."""
+        name = html.escape(self.name)
+        buttons = "".join(
+            f'<button class="moment" data-s="{at_s:.3f}">{html.escape(text)}</button>'
+            for at_s, text in self.moments or ()
+        )
+        moments = "" if self.moments is None else f'<div class="moments">{buttons}</div>'
+        return (
+            f'<div><p><b>{name}</b> <span class="dim">{html.escape(self.about)}</span></p>'
+            f'<canvas data-side="{side}" role="img" aria-label="{name}, from above"></canvas>{moments}</div>'
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """Two runs side by side, and their plain data for the page's script."""
+
+    caption: str
+    panels: Sequence[Panel]
+    data: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class FilmSection:
+    """A section: its title, a note (HTML), marks of the legend, and figures."""
+
+    title: str
+    note: str
+    keys: Sequence[str]
+    figures: Sequence[Figure]
+
+    def html(self, first: int) -> str:
+        """Return the section; `first` is the number of its first figure's data in the page."""
+        if not self.figures:
+            return ""
+        figures = "".join(
+            f'<figure class="clip" data-pair="{first + k}">'
+            f"<figcaption>{k + 1}. {html.escape(each.caption)}</figcaption>"
+            f'<div class="pair">{"".join(panel.html(side) for side, panel in enumerate(each.panels))}</div>'
+            f"{_PLAYER}</figure>"
+            for k, each in enumerate(self.figures)
+        )
+        note = f'<p class="note">{self.note}</p>'
+        return f"<section><h2>{self.title}</h2>{note}{keys_html(self.keys)}{figures}</section>"
+
+
+def sections_html(sections: Iterable[FilmSection], notes: Iterable[str]) -> str:
+    """Return sections as HTML, and lines on films that are missing."""
+    return "".join([*_numbered(sections), *(f'<p class="note">{html.escape(note)}</p>' for note in notes)])
+
+
+def _numbered(sections: Iterable[FilmSection]) -> Iterator[str]:
+    first = 0
+    for each in sections:
+        yield each.html(first)
+        first += len(each.figures)
