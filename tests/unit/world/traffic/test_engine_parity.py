@@ -166,7 +166,10 @@ def test_lane_geometry_is_highway_envs(place: str, where: tuple[float, float, fl
         assert lane_geometry.distance_to_box(row, x, y) <= distance + 1e-9
     closest = theirs.get_closest_lane_index(spot, heading)
     for guess in (0, len(network.lane_index) - 1):
-        assert network.lane_index[lane_geometry.closest_lane(network.arrays.lanes, corners, x, y, heading, guess)] == closest
+        assert (
+            network.lane_index[lane_geometry.closest_lane(network.arrays.lanes, corners, x, y, heading, guess)]
+            == closest
+        )
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -174,7 +177,7 @@ def test_neighbours_are_highway_envs(place: str) -> None:
     road = make_road(place, 5, count=40)
     network = numbered(road.network)
     fleet = fleet_of(road, network)
-    lists = list_along_lanes(network.arrays.lanes, bodies_of(fleet.rows, NOBODY))
+    lists = list_along_lanes(network.arrays, bodies_of(fleet.rows, NOBODY))
     found = 0
     for me, vehicle in enumerate(road.vehicles):
         for number, index in enumerate(network.lane_index):
@@ -192,7 +195,7 @@ def test_of_two_who_are_as_far_along_highway_envs_choice_is_taken() -> None:
     for x, y in ((50.0, 0.0), (80.0, 1.0), (80.0, -1.0), (20.0, 1.0), (20.0, -1.0)):
         road.vehicles.append(IDMVehicle(road, (x, y), speed=10.0))
     network = numbered(road.network)
-    lists = list_along_lanes(network.arrays.lanes, bodies_of(fleet_of(road, network).rows, NOBODY))
+    lists = list_along_lanes(network.arrays, bodies_of(fleet_of(road, network).rows, NOBODY))
     front, rear = (road.vehicles.index(other) for other in road.neighbour_vehicles(road.vehicles[0]))
     assert in_front(lists, network.arrays.lanes, 0, 0, 50.0) == front
     assert behind(lists, network.arrays.lanes, 0, 0, 50.0) == rear
@@ -201,7 +204,7 @@ def test_of_two_who_are_as_far_along_highway_envs_choice_is_taken() -> None:
 def test_a_lane_of_another_kind_is_refused_with_the_accepted_ones() -> None:
     network = RoadNetwork()
     network.add_lane("a", "b", PolyLaneFixedWidth([(0, 0), (10, 0), (20, 5)]))
-    with pytest.raises(InvalidValueError, match=r"StraightLane or CircularLane, got PolyLaneFixedWidth at .*'a', 'b'"):
+    with pytest.raises(InvalidValueError, match=r"StraightLane, CircularLane, PolylineLane, got PolyLaneFixedWidth at .*'a', 'b'"):
         ArrayEngine(NumberedNetwork(network))
 
 
