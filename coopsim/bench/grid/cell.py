@@ -162,7 +162,7 @@ class CellResult:
             failed.
         bound: the policy was told the truth: an upper bound, which does not compete (`Needs.truth`).
         film: file of the run's film in the store that the result is from; None: it was not filmed.
-        arrays: what a plan measures besides, by name, such as detections.
+        arrays: further measurements of a plan by name, such as detections.
     """
 
     cell: Cell

@@ -32,7 +32,7 @@ from coopsim.types import BevGrid
 
 
 class SentMaps(NamedTuple):
-    """What the agents of a sample know and send.
+    """Maps that the agents of a sample know and send.
 
     Attributes:
         features: (A, features, H, W) maps of all clouds.
@@ -48,7 +48,7 @@ class SentMaps(NamedTuple):
 
 
 class Teaching(NamedTuple):
-    """What teaches a fused map besides the labels: a detector of merged clouds, if any, and losses of users."""
+    """Teachers of a fused map besides the labels: a detector of merged clouds, if any, and losses of users."""
 
     teacher: DetectorNet | None = None
     own: OwnLosses = MappingProxyType({})
@@ -63,7 +63,7 @@ def cooperative_loss(
         detector: the agents' own network, whose encoder makes the maps.
         net: the cooperative network.
         sample: the sample; its views have merged clouds where there is a teacher.
-        teaching: what teaches besides labels.
+        teaching: teachers besides the labels.
         frozen: no gradients reach the encoder.
     """
     with torch.set_grad_enabled(not frozen and torch.is_grad_enabled()):

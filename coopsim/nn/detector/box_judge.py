@@ -14,11 +14,11 @@ from coopsim.types import BevGrid
 _HIDDEN = (128, 64)
 
 MOTION_SCALE = 10.0
-"""Motions are in so many m/s within the network."""
+"""Unit of motions within the network, m/s."""
 
 
 class Judgement(NamedTuple):
-    """What a second look tells of N boxes.
+    """Answers of a second look at N boxes.
 
     Attributes:
         forward: (N,) logits: the box is the right way round.

@@ -208,7 +208,7 @@ def tracks_of(known: Instances, found: Detections, base_SE3_compass: SE3) -> Tra
 
     Args:
         known: the instances, in the compass frame.
-        found: those to report, in the base frame, each with its row in `known` as the one number of its embedding.
+        found: tracks to report, in the base frame, each with its row in `known` as the one number of its embedding.
         base_SE3_compass: the turn between the frames.
     """
     if found.embedding is None:
