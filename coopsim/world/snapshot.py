@@ -155,7 +155,7 @@ class RoadMap:
         grass: polygons of lawns and verges.
         walls: footprints.
         stop_lines: lines before traffic lights.
-        lights: what these show now, a letter of `coopsim.world.places.signals.LETTERS` for each stop line.
+        lights: states of the lights now, a letter of `coopsim.world.places.signals.LETTERS` for each stop line.
     """
 
     lanes: tuple[Floats, ...]

@@ -1,4 +1,4 @@
-"""Where the roads of a place cross or join."""
+"""Roads of a place that cross or join."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class Edges:
     Args:
         layout: the place.
         network: its roads.
-        seed: of the episode.
+        seed: seed of the episode.
     """
 
     def __init__(self, layout: Layout, network: NumberedNetwork, seed: int) -> None:

@@ -16,9 +16,9 @@ class Lights:
     """The lights of a place at a time of the episode, at first at its start.
 
     Args:
-        signals: them.
+        signals: signals of the place.
         roads: the place's movements.
-        movements: the same without lights.
+        movements: movements over junctions as they are without lights.
         given: the movements of which a place says to which others they give way.
 
     Attributes:
