@@ -204,7 +204,9 @@ def test_of_two_who_are_as_far_along_highway_envs_choice_is_taken() -> None:
 def test_a_lane_of_another_kind_is_refused_with_the_accepted_ones() -> None:
     network = RoadNetwork()
     network.add_lane("a", "b", PolyLaneFixedWidth([(0, 0), (10, 0), (20, 5)]))
-    with pytest.raises(InvalidValueError, match=r"StraightLane, CircularLane, PolylineLane, got PolyLaneFixedWidth at .*'a', 'b'"):
+    with pytest.raises(
+        InvalidValueError, match=r"StraightLane, CircularLane, PolylineLane, got PolyLaneFixedWidth at .*'a', 'b'"
+    ):
         ArrayEngine(NumberedNetwork(network))
 
 
