@@ -100,7 +100,7 @@ class FrameSource(ABC):
         name: the environment's id.
         specs: specs of all agents that ever appear, in order, with the running episode's cameras and LiDARs.
         format: format of the agents' observations.
-        road_map: outlines of the running episode's place, for pictures.
+        road_map: outlines of the running episode's place, for pictures, and its traffic lights as they are now.
         capacity: the largest number of actors in a frame of any episode.
         region_m: (2,) half the length and width of the evaluation region around an agent; None: unlimited.
         any_score: recorded detections have scores that need not lie in [0, 1], and tracks have these.

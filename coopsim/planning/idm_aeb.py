@@ -118,6 +118,8 @@ class IdmAeb(Planner):
         """
         speed, limits = car.speed_m_s, np.maximum(car.route.speed_limit_m_s, 0.1)
         most, least = self.acceleration_m_s2, self.braking_m_s2
+        if car.route.speed_limit_m_s[0] <= 0:  # at a red light
+            return -least
         ahead_m = np.arange(len(limits)) * car.route.spacing_m
         allowed = float(np.sqrt(limits**2 + 2 * least * ahead_m).min())
         if speed <= allowed:

@@ -142,3 +142,14 @@ def runs_of(numbers: Iterable[int]) -> list[list[int]]:
         else:
             runs.append([number])
     return runs
+
+
+_DTYPES = {"int": np.int64, "float": np.float64, "bool": np.bool_}
+
+
+def dtype_of(declaration: type[Any]) -> np.dtype[Any]:
+    """Return the dtype with the fields of a class whose annotations are int, float or bool.
+
+    Its module must postpone annotations (`from __future__ import annotations`), so that they are names.
+    """
+    return np.dtype([(name, _DTYPES[kind]) for name, kind in declaration.__annotations__.items()], align=True)

@@ -35,7 +35,7 @@ class Route:
     Attributes:
         points: (K, 2) m, K >= 2; the first is the one nearest to the car's middle.
         spacing_m: distance from each point to the next, along the lanes.
-        speed_limit_m_s: (K,) legal speed, or less where a bend is too narrow for it.
+        speed_limit_m_s: (K,) legal speed, or less where a bend is too narrow for it; 0 from a red light on.
         right_of_way: (K,) `GIVES_WAY`, `NOBODY_FIRST` or `HAS_PRIORITY`.
     """
 

@@ -154,6 +154,8 @@ class RoadMap:
         yards: polygons of other paved ground.
         grass: polygons of lawns and verges.
         walls: footprints.
+        stop_lines: lines before traffic lights.
+        lights: states of the lights now, a letter of `coopsim.world.places.signals.LETTERS` for each stop line.
     """
 
     lanes: tuple[Floats, ...]
@@ -165,6 +167,8 @@ class RoadMap:
     yards: tuple[Floats, ...] = ()
     grass: tuple[Floats, ...] = ()
     walls: tuple[Floats, ...] = ()
+    stop_lines: tuple[Floats, ...] = ()
+    lights: str = ""
 
 
 class WorldSource(Protocol):

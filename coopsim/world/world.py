@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, SE3Batch, wrap_angle
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import uniform_numbers
-from coopsim.types import Ints
+from coopsim.types import Ints, Mask
 from coopsim.types.driving import CarState, Command
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.model import Model
@@ -22,6 +23,7 @@ from coopsim.world.scenario import Scenario
 from coopsim.world.script import Script
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap, StaticPart
 from coopsim.world.traffic.fleet import Fleet
+from coopsim.world.traffic.lights import red_ways
 from coopsim.world.traffic.traffic import Traffic
 
 LONGEST_STEP_S = 0.1
@@ -85,9 +87,14 @@ class World:
             script=script,
             driven=None if driven is None else tuple(map(_number, driven)),
         )
+        self._signals, self._nodes = layout.signals, 0 if layout.footways is None else len(layout.footways.nodes)
+        self._red: Mask | None = None
+        self._states: tuple[str, ...] = ()
+        self._show_lights()
         ways = dict.fromkeys(MANNERS, layout.footways)
         if layout.cycleways is not None:
             ways |= dict.fromkeys((ObjectClass.BICYCLE, ObjectClass.SCOOTER), layout.cycleways)
+        self._walks = [ways[label] is layout.footways for label in MANNERS]
         taken = self._traffic.fleet.position
         self._people: list[People] = []
         for label in MANNERS:
@@ -121,9 +128,18 @@ class World:
             everybody = join_bodies((*self._people, self._scripted))
             held = {number: command for number, command in by_number.items() if isinstance(command, float)}
             self._traffic.step(dt_s / parts, held if part else by_number, everybody)
-            for people in self._people:
-                people.step(dt_s / parts, self._traffic.fleet, everybody)
+            self._show_lights()
+            for people, has_lights in zip(self._people, self._walks, strict=True):
+                people.step(dt_s / parts, self._traffic.fleet, everybody, self._red if has_lights else None)
             self._scripted.step(dt_s / parts)
+
+    def _show_lights(self) -> None:
+        """Let people and the map know the traffic lights as they are now."""
+        if self._traffic.light_states != self._states:
+            self._states = self._traffic.light_states
+            self._red = red_ways(self._signals, self._states, self._nodes)
+            shown = zip(self._signals, self._states, strict=True)
+            self.map = replace(self.map, lights="".join(text[: len(signal.roads)] for signal, text in shown))
 
     def _conflict_ids(self, script: Script) -> tuple[int, ...]:
         """Return the ids of the actors that the ego of a script may crash into."""

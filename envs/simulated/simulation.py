@@ -59,7 +59,7 @@ class Simulation(FrameSource):
         self._conflicts: tuple[int, ...] = ()
         self._driven = self._driven_among(bodies)
         self.specs = self._specify(bodies)
-        self.road_map = world.map
+        self._world, self.road_map = world, world.map
         most = len(world.actors()) if scenarios.most_actors is None else scenarios.most_actors
         self.capacity = most if recording is None else recording.most_actors
         self.region_m = options.region_m
@@ -74,7 +74,7 @@ class Simulation(FrameSource):
             self._equipment.require_free_masts(world.agents().values())
         if self._options.record is not None:
             world = RecordedWorld(world, self._options.record, self._scenario, seed, self._options.dt_s)
-        self.specs, self.road_map = self._specify(world.agents()), world.map
+        self.specs, self._world, self.road_map = self._specify(world.agents()), made, made.map
         self._episode = SimulatedEpisode(self._options, self._equipment, world, self.specs, seed, self._scenario.over_s)
         self._conflicts = made.conflict_ids if isinstance(made, World) else ()
         if isinstance(made, World) and self._driven:
@@ -83,7 +83,9 @@ class Simulation(FrameSource):
 
     def advance(self, commands: Mapping[str, Command], tracks: Mapping[str, Tracks]) -> Frame:
         """Return the next frame; see `FrameSource.advance`."""
-        return self._episode.advance(commands, tracks)
+        frame = self._episode.advance(commands, tracks)
+        self.road_map = self._world.map  # with traffic lights as they are now
+        return frame
 
     @property
     def driven(self) -> tuple[str, ...]:

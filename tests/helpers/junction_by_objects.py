@@ -11,17 +11,14 @@ import numpy as np
 from coopsim.geometry.se3 import Floats
 from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.road_network import Lane, Road, RoadNetwork
+from coopsim.world.traffic.movements import FIRST, YIELDS, clearances, roles
 from coopsim.world.traffic.right_of_way import (
     COMMIT_M,
     EXIT_HALF_WIDTH_M,
     EXIT_SPACE_M,
-    FIRST,
     QUEUE_GAP_M,
     REQUEST_M,
     SLOW_M_S,
-    YIELDS,
-    clearances,
-    roles,
 )
 from coopsim.world.traffic.rules import STANDING_M_S
 

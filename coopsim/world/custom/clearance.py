@@ -14,7 +14,8 @@ from coopsim.geometry.iou import iou_bev
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.custom.roads import Roads, middle_line
+from coopsim.world.custom.conflicts import CHORD_M, middle_line
+from coopsim.world.custom.roads import Roads
 from coopsim.world.models import make_models
 from coopsim.world.places.layout import Bay, StartSlot
 from coopsim.world.traffic.rules import PARKED_ASIDE_M
@@ -38,7 +39,8 @@ class MiddleLines:
         corners = [middle_line(lane) for _, lane in lines]
         self.starts, self.ends = (np.vstack([each[part] for each in corners]) for part in (np.s_[:-1], np.s_[1:]))
         counts = [len(each) - 1 for each in corners]
-        self._half_m = np.repeat([lane.width / 2 for _, lane in lines], counts)
+        widths_m = [lane.widths_at(lane.stations(CHORD_M)) for _, lane in lines]
+        self._half_m = np.concatenate([np.maximum(each[:-1], each[1:]) for each in widths_m]) / 2
         self._road = np.repeat(np.arange(len(lines)), counts)
         self._roads, self._names = roads, [road for road, _ in lines]
 

@@ -5,7 +5,7 @@ Roads are crowned by carriageways: lanes that lie side by side, whichever way th
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -19,8 +19,9 @@ from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.models.surfaces import wet_albedo
 from coopsim.world.places.layout import ASPHALT, PAVEMENT, Layout
+from coopsim.world.places.polyline import PolylineLane
 from coopsim.world.places.relief import Relief, drape, laid_on
-from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork, StraightLane
+from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork
 from coopsim.world.relief.kerbs import kerb_faces, pavement_tops
 from coopsim.world.relief.surfaces import Hump, crown_triangles, normals_of
 from coopsim.world.snapshot import StaticPart
@@ -148,7 +149,7 @@ def carriageways(network: RoadNetwork, flat: Collection[Road]) -> list[Carriagew
     rank = dict.fromkeys(lanes, _JUNCTION)
     for k, number in enumerate(np.argsort(length_m, kind="stable").tolist()):
         rank |= dict.fromkeys(chains[number], k)
-    by_lane = {index: _pieces(points[index], lane.width / 2, rank[index]) for index, lane in lanes.items()}
+    by_lane = {index: _pieces(points[index], lane, rank[index]) for index, lane in lanes.items()}
     pieces = np.concatenate(list(by_lane.values()))
     found: list[Carriageway] = []
     for chain in chains:
@@ -184,6 +185,13 @@ def _runs(line: Floats, along_m: Floats, low: Floats, high: Floats, longest: Int
 
 def lane_points(lanes: Sequence[Lane]) -> list[Floats]:
     """Return points (K, 2) m on the middles of lanes, from the start of each to its end."""
+    points = _arcs_and_lines([lane for lane in lanes if not isinstance(lane, PolylineLane)])
+    return [lane.points if isinstance(lane, PolylineLane) else next(points) for lane in lanes]
+
+
+def _arcs_and_lines(lanes: Sequence[Lane]) -> Iterator[Floats]:
+    if not lanes:
+        return iter(())
     # A place on a lane is one on the line between two points, plus one on an arc; one of the two is nothing.
     rows = np.array([_shape(lane) for lane in lanes])
     counts = (
@@ -194,7 +202,7 @@ def lane_points(lanes: Sequence[Lane]) -> list[Floats]:
     phase = row[:, 5] + share * (row[:, 6] - row[:, 5])
     points = row[:, :2] + share[:, None] * (row[:, 2:4] - row[:, :2])
     points += row[:, 4, None] * np.stack([exact.cos(phase), exact.sin(phase)], axis=1)
-    return np.split(points, np.cumsum(counts)[:-1])
+    return iter(np.split(points, np.cumsum(counts)[:-1]))
 
 
 def _shape(lane: Lane) -> list[float]:
@@ -209,10 +217,12 @@ def _chord_m(radius_m: Floats) -> Floats:
     return np.where(radius_m > 0, np.sqrt(8 * radius_m * _SAGITTA_M), np.inf)
 
 
-def _pieces(points: Floats, half_m: float, rank: int) -> Floats:
-    """Return start, end, half the width and rank of the straight pieces of a lane, (K - 1, 6)."""
+def _pieces(points: Floats, lane: Lane, rank: int) -> Floats:
+    """Return start, end, half the width and rank of the straight pieces of a lane along points, (K - 1, 6)."""
     pieces = np.empty((len(points) - 1, 6))
-    pieces[:, :2], pieces[:, 2:4], pieces[:, 4], pieces[:, 5] = points[:-1], points[1:], half_m, rank
+    pieces[:, :2], pieces[:, 2:4], pieces[:, 4], pieces[:, 5] = points[:-1], points[1:], lane.width / 2, rank
+    if isinstance(lane, PolylineLane):
+        pieces[:, 4] = (lane.corners["width"][:-1] + lane.corners["width"][1:]) / 4
     return pieces
 
 
@@ -238,7 +248,7 @@ def _chains(lanes: Mapping[LaneIndex, Lane]) -> list[list[LaneIndex]]:
     after: dict[LaneIndex, LaneIndex] = {}
     for index, lane in lanes.items():
         ways = onward.get((index[1], index[2]), [])
-        ways = ways if len(ways) == 1 else [way for way in ways if isinstance(lanes[way], StraightLane)]
+        ways = ways if len(ways) == 1 else [way for way in ways if lanes[way].tightest_m == np.inf]
         if len(ways) == 1 and abs(_turn(lane, lanes[ways[0]])) < _KINK_RAD and ways[0] not in after.values():
             after[index] = ways[0]
     chains = []

@@ -23,6 +23,7 @@ from coopsim.world.custom.ground import (
     require_off_lanes,
     turning_loops,
 )
+from coopsim.world.custom.rights import add_rights
 from coopsim.world.custom.roads import Roads, build_roads
 from coopsim.world.custom.scenery import build_block, build_tree, build_wall, require_furniture_off_roads, require_kinds
 from coopsim.world.custom.starts import build_bay, build_speeds, build_starts, build_unit
@@ -75,6 +76,8 @@ def build_place(description: PlaceDescription, name: str, root: Entry | None = N
 def build_layout(description: PlaceDescription, root: Entry) -> Layout:
     """Build all that a description says; errors are those of its entry."""
     roads = build_roads(description, root)
+    add_rights(roads)
+    endless = roads.network.endless
     starts, middles = build_starts(roads), MiddleLines(roads)
     walks, rides = (
         None if each is None else build_ways(each, root.part(key), roads.network, one_way=key == "rides")
@@ -96,7 +99,9 @@ def build_layout(description: PlaceDescription, root: Entry) -> Layout:
     layout = Layout(
         network=roads.network,
         slots=tuple(slot for slot, _ in starts),
-        connected_order=tuple(sorted(range(len(starts)), key=lambda k: starts[k][1])),
+        connected_order=tuple(
+            sorted(range(len(starts)), key=lambda k: (starts[k][1], starts[k][0].lane[:2] not in endless))
+        ),
         footways=walks.footways if walks else None,
         rsus=rsus,
         rsu_height_m=mast_m,
@@ -110,6 +115,9 @@ def build_layout(description: PlaceDescription, root: Entry) -> Layout:
         road_map=road_map,
         movements=roads.movements,
         priority=roads.priority,
+        yields=roads.yields,
+        signals=roads.signals,
+        cut=description.cut,
         cars_first=description.cars_first,
         cycleways=rides.footways if rides else None,
         bays=bays,
@@ -165,10 +173,13 @@ def road_map_of(
     """Return the outlines (K, 2) m of a place; `paved` has some by kind."""
     lanes = [quad for lane in roads.network.lanes.values() for quad in lane_outline(lane)] + _wedges(roads.network)
     crosswalks, pavements = (walks.crosswalks, walks.pavements) if walks else ([], [])
-    more = {SURFACES[kind]: tuple(outlines) for kind, outlines in paved.items()}
+    more: dict[str, Any] = {SURFACES[kind]: tuple(outlines) for kind, outlines in paved.items()}
     more |= {"lanes": (*lanes, *paved["road"]), "pavements": (*pavements, *paved["pavement"])}
     lines = lane_lines(roads.network, roads.movements)
-    return RoadMap(crosswalks=tuple(crosswalks), buildings=tuple(buildings), walls=tuple(walls), markings=lines, **more)
+    lit = [roads.lane(road) for signal in roads.signals for road in signal.roads]
+    stops = tuple(np.array([lane.position(0.0, side * lane.width / 2) for side in (-1, 1)]) for lane in lit)
+    more |= {"crosswalks": tuple(crosswalks), "buildings": tuple(buildings), "walls": tuple(walls)}
+    return RoadMap(markings=lines, stop_lines=stops, **more)
 
 
 def _wedges(network: RoadNetwork) -> list[Floats]:

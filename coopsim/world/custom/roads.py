@@ -13,22 +13,29 @@ from coopsim.config.checked_entry import Entry
 from coopsim.errors import UnknownNameError
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats, wrap_angle
-from coopsim.support.kernels import njit
-from coopsim.types import Ints, Mask
+from coopsim.world.custom.conflicts import conflicting_roads
 from coopsim.world.places.description import MapLane, PlaceDescription
 from coopsim.world.places.layout import LANE_M, ROADS_AHEAD
-from coopsim.world.places.road_network import Lane, Road, RoadNetwork, StraightLane
+from coopsim.world.places.polyline import PolylineLane
+from coopsim.world.places.road_network import Lane, Road, RoadNetwork
+from coopsim.world.places.signals import Signal
 from coopsim.world.places.streets import LOOP_SPEED_M_S, SPEED_M_S, add_bend, add_straight, turning_loop
 from coopsim.world.traffic.rules import LOOK_AHEAD_M
 
 SHORTEST_M = 5.0
 """Least length of a piece: drivers leave it when the middle of a usual car is half its length from the end."""
 
+CURVED_M = 1.0
+"""Least length of a curved lane."""
+
+STEP_M = 0.1
+"""Least distance between two points of a curved lane."""
+
 TIGHTEST_M = 5.0
 """Least radius of a bend."""
 
 _CENTRE_M = 0.05  # tolerance between the distances of a bend's two ends from its centre
-_KINK_RAD = np.radians(20.0)
+_KINK_RAD, _CURVED_KINK_RAD = np.radians(20.0), np.radians(45.0)  # where a lane is curved its corners are rounded
 
 
 @dataclass(slots=True, eq=False)
@@ -42,8 +49,10 @@ class Roads:
         network: all pieces, one lane each.
         pieces: pieces of every road, in order.
         number: place of every road in the list.
-        movements: pieces that others cross or join.
+        movements: pieces that others cross or join, or that have a light.
         priority: movements to which others give way.
+        yields: movements to which one gives way, by that one.
+        signals: traffic lights.
     """
 
     description: PlaceDescription
@@ -54,6 +63,8 @@ class Roads:
     number: dict[Road, int] = field(default_factory=dict)
     movements: tuple[Road, ...] = ()
     priority: tuple[Road, ...] = ()
+    yields: dict[Road, tuple[Road, ...]] = field(default_factory=dict)
+    signals: tuple[Signal, ...] = ()
 
     def entry(self, road: Road, *keys: str) -> Entry:
         """Return the entry of a road, or of a part of it."""
@@ -93,11 +104,12 @@ class Roads:
     def ahead(self) -> int:
         """The number of pieces that a driver has to plan ahead to know all within sight."""
         graph = self.network.graph
-        onward = {(start, end): [(end, to) for to in graph[end]] for start in graph for end in graph[start]}
+        onward = {(start, end): [(end, to) for to in graph.get(end, ())] for start in graph for end in graph[start]}
         least_m, count = dict.fromkeys(onward, 0.0), 1  # behind the end of a piece, over the shortest that follow
         while count < ROADS_AHEAD or min(least_m.values()) < LOOK_AHEAD_M:
             least_m = {
-                piece: min(self.lane(way).length + least_m[way] for way in ways) for piece, ways in onward.items()
+                piece: min((self.lane(way).length + least_m[way] for way in ways), default=LOOK_AHEAD_M)
+                for piece, ways in onward.items()
             }
             count += 1
         return count
@@ -110,7 +122,8 @@ def build_roads(description: PlaceDescription, root: Entry) -> Roads:
         _add_road(found, number, lane)
     if not found.pieces:
         raise root.part("roads").error("roads must be at least one, got none")
-    _require_ways_on(found)
+    if not description.cut:
+        _require_ways_on(found)
     _require_no_kinks(found)
     _require_neighbours(found)
     found.movements = conflicting_roads(found.network)
@@ -136,7 +149,8 @@ def _add_road(roads: Roads, number: int, lane: MapLane) -> None:
         there = roads.entry(road).spot
         raise entry.error(f"a road from {lane.start!r} to {lane.end!r} is there already, in {there}")
     roads.number[road] = number
-    if (lane.centre is not None) != (lane.turn in ("left", "right")) or (lane.via and lane.turn is not None):
+    bent = bool(lane.via) or lane.curved
+    if (lane.centre is not None) != (lane.turn in ("left", "right")) or (bent and lane.turn is not None):
         raise entry.error("a bend has both centre and turn (left or right), a loop turn: around, other roads neither")
     points = np.array([roads.nodes[lane.start], *lane.via, roads.nodes[lane.end]], dtype=np.float64)
     if lane.widths_m and (lane.width_m is not None or lane.turn is not None or len(lane.widths_m) != len(points)):
@@ -148,6 +162,9 @@ def _add_road(roads: Roads, number: int, lane: MapLane) -> None:
     shape = (speed_m_s, float(LANE_M if lane.width_m is None else lane.width_m))
     if lane.turn == "around":
         roads.pieces[road] = _add_loop(roads, road, shape)
+    elif lane.curved:
+        roads.pieces[road] = [road]
+        _add_curved(roads, road, points, lane.widths_m or shape[1], speed_m_s)
     elif lane.centre is not None:
         roads.pieces[road] = [road]
         _add_arc(roads, lane, shape)
@@ -167,6 +184,25 @@ def _add_line(roads: Roads, road: Road, points: Floats, shapes: Sequence[tuple[f
             raise roads.entry(road, *(["via"] if len(points) > 2 else [])).error(message)
         add_straight(roads.network, piece, ends, *shape)
     return pieces
+
+
+def _add_curved(
+    roads: Roads, road: Road, points: Floats, widths_m: float | tuple[float, ...], speed_m_s: float
+) -> None:
+    """Add one lane along points (K, 2) m."""
+    steps_m = exact.norm(np.diff(points, axis=0))
+    if steps_m.min() < STEP_M or steps_m.sum() < CURVED_M:
+        raise roads.entry(road, "via").error(
+            f"points of a curved lane must be {STEP_M:g} m apart or more, and it {CURVED_M:g} m long or more, got "
+            f"{steps_m.min():.2f} m and {steps_m.sum():.2f} m"
+        )
+    lane = PolylineLane(points, widths_m, speed_m_s)
+    if (turned := float(np.abs(np.diff(lane.corners["heading"])).max())) > _CURVED_KINK_RAD:
+        raise roads.entry(road, "via").error(
+            f"a curved lane must turn by {np.degrees(_CURVED_KINK_RAD):.0f} degrees at most at each point, got "
+            f"{np.degrees(turned):.0f}: write more points"
+        )
+    roads.network.add_lane(*road, lane)
 
 
 def _add_arc(roads: Roads, lane: MapLane, shape: tuple[float, float]) -> None:
@@ -234,11 +270,13 @@ def _require_no_kinks(roads: Roads) -> None:
         for piece, (after, name) in zip(before, following, strict=True):
             lane = roads.lane(piece)
             turn = abs(float(wrap_angle(roads.lane(after).heading_at(0.0) - lane.heading_at(lane.length))))
-            if turn > _KINK_RAD:
+            curved = isinstance(lane, PolylineLane) or isinstance(roads.lane(after), PolylineLane)
+            most_rad = _CURVED_KINK_RAD if curved else _KINK_RAD
+            if turn > most_rad:
                 where = "within a road" if name == road else f"from this road to that in {roads.entry(name).spot}"
                 raise roads.entry(road).error(
                     f"the way turns at once by {np.degrees(turn):.0f} degrees {where}, at most "
-                    f"{np.degrees(_KINK_RAD):.0f} are accepted: write a bend (centre and turn)"
+                    f"{np.degrees(most_rad):.0f} are accepted: write a bend (centre and turn)"
                 )
 
 
@@ -256,75 +294,3 @@ def _require_neighbours(roads: Roads) -> None:
                     f"{side} must be a road that has this one as its other neighbour, [{', '.join(road)}], got one "
                     f"with [{', '.join(back)}]"
                 )
-
-
-_CHORD_M = 1.0  # of an arc: 2 cm from it at a radius of 6 m
-
-
-def conflicting_roads(network: RoadNetwork) -> tuple[Road, ...]:
-    """Return roads whose middle line crosses another's or ends where another ends, in the network's order.
-
-    Roads that follow each other, or part at one node, do not conflict there. Of each road its first lane counts.
-    """
-    lanes = {index[:2]: lane for index, lane in network.lanes.items() if index[2] == 0}
-    if not lanes:
-        return ()
-    lines = [middle_line(lane) for lane in lanes.values()]
-    first = np.cumsum([0, *(len(line) for line in lines)])
-    nodes: dict[str, int] = {}
-    ends = np.array([[nodes.setdefault(node, len(nodes)) for node in road] for road in lanes])
-    found = _in_conflict(np.concatenate(lines), first, ends)
-    return tuple(road for road, conflicts in zip(lanes, found, strict=True) if conflicts)
-
-
-def middle_line(lane: Lane) -> Floats:
-    """Return the corners (K, 2) m of a line that follows the lane's middle."""
-    count = 2 if isinstance(lane, StraightLane) else max(2, int(np.ceil(lane.length / _CHORD_M)) + 1)
-    return lane.positions(np.linspace(0.0, lane.length, count), 0.0)
-
-
-@njit(cache=True, nogil=True)
-def _in_conflict(points: Floats, first: Ints, ends: Ints) -> Mask:
-    """Return the mask (K,) of lines that conflict with another.
-
-    `points` (P, 2) m are those of all lines, `first` (K + 1,) the first one of each line, and P; `ends` (K, 2) the
-    nodes that each leads from and to.
-    """
-    count = len(ends)
-    found = np.zeros(count, np.bool_)
-    box = np.empty((count, 4))
-    for k in range(count):
-        line = points[first[k] : first[k + 1]]
-        box[k] = line[:, 0].min(), line[:, 1].min(), line[:, 0].max(), line[:, 1].max()
-    for a in range(count):
-        for b in range(a + 1, count):
-            if ends[a, 0] == ends[b, 0] or ends[a, 1] == ends[b, 0] or ends[b, 1] == ends[a, 0]:
-                continue
-            if ends[a, 1] == ends[b, 1] or (
-                _touch(box[a], box[b]) and _cross(points[first[a] : first[a + 1]], points[first[b] : first[b + 1]])
-            ):
-                found[a] = found[b] = True
-    return found
-
-
-@njit(cache=True, nogil=True)
-def _touch(a: Floats, b: Floats) -> bool:
-    """Return whether two upright rectangles (4,) - low x, low y, high x, high y - meet."""
-    return bool(a[0] <= b[2] and b[0] <= a[2] and a[1] <= b[3] and b[1] <= a[3])
-
-
-@njit(cache=True, nogil=True)
-def _cross(a: Floats, b: Floats) -> bool:
-    """Return whether two polylines (N, 2) and (M, 2) meet; parallel pieces do not cross."""
-    for i in range(len(a) - 1):
-        rx, ry = a[i + 1, 0] - a[i, 0], a[i + 1, 1] - a[i, 1]
-        for k in range(len(b) - 1):
-            sx, sy = b[k + 1, 0] - b[k, 0], b[k + 1, 1] - b[k, 1]
-            area = rx * sy - ry * sx
-            if area == 0.0:
-                continue
-            dx, dy = b[k, 0] - a[i, 0], b[k, 1] - a[i, 1]
-            along_a, along_b = (dx * sy - dy * sx) / area, (dx * ry - dy * rx) / area
-            if 0 <= along_a <= 1 and 0 <= along_b <= 1:
-                return True
-    return False

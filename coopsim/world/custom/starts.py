@@ -16,6 +16,7 @@ from coopsim.world.places.description import PARKED, MapBay, MapStart, MapUnit
 from coopsim.world.places.layout import Bay, StartSlot
 from coopsim.world.places.road_network import CircularLane, Road
 from coopsim.world.places.streets import spaced_slots
+from coopsim.world.traffic.movements import GENTLE_M
 
 _STOPPING_M = 14.0  # no starts this close before a stop line: the vehicle could not stop
 _APART_M = 14.0  # between two starts in one lane: the longest bus, and the variation of its start
@@ -29,7 +30,7 @@ def build_starts(roads: Roads) -> list[tuple[StartSlot, float]]:
         pieces = [(piece, name) for name, all_of_it in roads.pieces.items() for piece in all_of_it]
         room_m = {piece: _start_length_m(roads, piece) for piece, _ in pieces}
         slots = [slot for piece, _ in pieces for slot in spaced_slots((*piece, 0), room_m[piece])]
-        return [(slot, np.inf) for slot in slots]
+        return [(slot, np.inf) for slot in slots if roads.lane(slot.lane[:2]).radius_at(slot.along_m) > GENTLE_M]
     starts = [_start(roads, start, number) for number, start in enumerate(roads.description.starts)]
     _require_apart(roads, [slot for slot, _ in starts])
     require_space_to_start([slot for slot, _ in starts], roads)
@@ -41,7 +42,8 @@ def _start_length_m(roads: Roads, piece: Road) -> float:
     lane = roads.lane(piece)
     if piece in roads.movements or isinstance(lane, CircularLane):
         return 0.0
-    stops = any(movement[0] == piece[1] for movement in roads.movements)
+    ends = not roads.network.graph.get(piece[1])
+    stops = ends or any(movement[0] == piece[1] for movement in roads.movements)
     return max(0.0, float(lane.length) - (_STOPPING_M if stops else 0.0))
 
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from coopsim.config.checked_entry import Entry
 from coopsim.errors import UnknownNameError
@@ -19,7 +17,8 @@ from coopsim.types import Mask
 from coopsim.world.places.description import MapWays
 from coopsim.world.places.layout import Footways
 from coopsim.world.places.road_network import RoadNetwork
-from coopsim.world.traffic.lanes import NumberedNetwork, distance_to_box, local_coordinates
+from coopsim.world.traffic.lane_geometry import distance_to_box, local_coordinates
+from coopsim.world.traffic.lanes import LaneArrays, NumberedNetwork
 
 _PAVEMENT_M = 3.0
 _CROSSWALK_HALF_M = 1.5
@@ -60,7 +59,7 @@ def build_ways(walks: MapWays, entry: Entry, network: RoadNetwork, *, one_way: b
     if not plain:
         raise entry.part("ways").error("ways must be at least one: people start there, and not on crosswalks")
     footways = _graph(nodes, plain, across, one_way=one_way)
-    lanes = NumberedNetwork(network).arrays.lanes if across else np.zeros(0)
+    lanes = NumberedNetwork(network).arrays
     for name, row in zip(nodes, footways.neighbours, strict=True):
         if not (row >= 0).any():
             raise entry.part("nodes", name).error(f"no way leads on from {name!r}")
@@ -111,25 +110,25 @@ def _strip(a: Floats, b: Floats, half_m: float) -> Floats:
     return np.array([a - aside, b - aside, b + aside, a + aside])
 
 
-def _stripes(a: Floats, b: Floats, lanes: NDArray[Any]) -> list[Floats]:
-    """Return stripes along the crosswalk where it is on one of `lanes` (L,) `LANE`."""
+def _stripes(a: Floats, b: Floats, roads: LaneArrays) -> list[Floats]:
+    """Return stripes along the crosswalk where it is on a lane."""
     length_m = float(exact.norm(b - a))
     starts = np.arange(0.0, length_m - _STRIPE_M, _STRIPE_M + _GAP_M)
     along = (b - a) / max(length_m, 1e-9)
-    on_road = _are_on_lanes(a + (starts + _STRIPE_M / 2)[:, None] * along, lanes)
+    on_road = _are_on_lanes(a + (starts + _STRIPE_M / 2)[:, None] * along, roads)
     return [_strip(a + start * along, a + (start + _STRIPE_M) * along, _CROSSWALK_HALF_M) for start in starts[on_road]]
 
 
 @njit(cache=True, nogil=True)
-def _are_on_lanes(points: Floats, lanes: NDArray[Any]) -> Mask:
+def _are_on_lanes(points: Floats, roads: LaneArrays) -> Mask:
     """Return which points (N, 2) m are between the edges of a lane, or up to 5 m beyond its ends."""
     found = np.zeros(len(points), np.bool_)
     for n in range(len(points)):
-        for k in range(len(lanes)):
-            lane = lanes[k]
+        for k in range(len(roads.lanes)):
+            lane = roads.lanes[k]
             if distance_to_box(lane, points[n, 0], points[n, 1]) > lane.width / 2 + _BEYOND_M:
                 continue
-            along_m, aside_m = local_coordinates(lane, points[n, 0], points[n, 1])
+            along_m, aside_m = local_coordinates(lane, roads.corners, points[n, 0], points[n, 1])
             if abs(aside_m) <= lane.width / 2 and -_BEYOND_M <= along_m < lane.length + _BEYOND_M:
                 found[n] = True
                 break

@@ -13,7 +13,7 @@ from coopsim.support.kernels import njit
 from coopsim.types import Ints, Mask
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.places.layout import Bay, Bystander, Footways, Layout
-from coopsim.world.places.road_network import CircularLane, Lane
+from coopsim.world.places.road_network import Lane
 from coopsim.world.snapshot import StaticPart
 from coopsim.world.traffic.rules import cut_inside_m
 
@@ -283,14 +283,13 @@ def _ways_in(yard: Floats) -> Floats:
 
 def middle_of(lane: Lane) -> Floats:
     """Return points (N, 2) m on a lane's middle line, in bends closely spaced."""
-    count = 1 if not isinstance(lane, CircularLane) else int(np.ceil(lane.length / _CHORD_M))
-    return lane.positions(np.linspace(0.0, lane.length, count + 1), 0.0)
+    return lane.positions(lane.stations(_CHORD_M), 0.0)
 
 
 def _pieces_of(lane: Lane) -> list[Floats]:
     """Return straight pieces (2, 2) m of a lane's middle line, of tight bends with their tangents at both ends."""
     points = middle_of(lane)
-    if isinstance(lane, CircularLane) and lane.radius < _WIDE_BEND_M:
+    if lane.tightest_m < _WIDE_BEND_M:
         headings = lane.heading_at(0.0) + np.pi, lane.heading_at(lane.length)
         before, beyond = (_SWINGING_M * np.array([exact.cos(heading), exact.sin(heading)]) for heading in headings)
         points = np.vstack([points[0] + before, points, points[-1] + beyond])
@@ -299,9 +298,9 @@ def _pieces_of(lane: Lane) -> list[Floats]:
 
 def _sweep_m(lane: Lane) -> float:
     """Return the distance by which the longest vehicles leave a lane."""
-    if not isinstance(lane, CircularLane) or lane.radius >= _WIDE_BEND_M:
+    if lane.tightest_m >= _WIDE_BEND_M:
         return 0.0
-    return float(cut_inside_m(_BUS_M, lane.radius)) / 2
+    return float(cut_inside_m(_BUS_M, lane.tightest_m)) / 2
 
 
 def _bay_outline(bay: Bay) -> Floats:

@@ -21,7 +21,7 @@ from coopsim.world.furniture.free_ground import (
     middle_of,
 )
 from coopsim.world.places.layout import Footways, Layout
-from coopsim.world.places.road_network import CircularLane, Lane, StraightLane
+from coopsim.world.places.road_network import Lane, StraightLane
 
 _TIGHT_M = 25.0  # radius of bends at turning loops and junctions, beside which nothing is lined up
 _STRAIGHT_ON_RAD = 0.5  # largest turn within one line
@@ -91,8 +91,7 @@ def street_sides(layout: Layout, area: Floats, lanes: Obstacles) -> Sides:
     """Return the right edges of streets within an area, but not of junctions, turning loops, and inner lanes."""
     rightmost: dict[tuple[str, str], Lane] = {}
     for (start, end, _), lane in layout.network.lanes.items():
-        bend = isinstance(lane, CircularLane) and lane.radius < _TIGHT_M
-        if (start, end) not in layout.movements and not bend:
+        if (start, end) not in layout.movements and lane.tightest_m >= _TIGHT_M:
             rightmost[start, end] = lane  # lanes of a road come from the left to the right
     lines = []
     for chain in _chains(rightmost):

@@ -141,12 +141,16 @@ class People:
         bodies["heading"], bodies["speed"] = self.yaw, np.hypot(self.velocity[:, 0], self.velocity[:, 1])
         bodies["length"], bodies["width"] = self._length, self._width
 
-    def step(self, dt_s: float, fleet: Fleet, everybody: NDArray[Any]) -> None:
-        """Advance by `dt_s` among vehicles and `everybody` (M,) `BODY`: all people, these included."""
+    def step(self, dt_s: float, fleet: Fleet, everybody: NDArray[Any], red: Mask | None = None) -> None:
+        """Advance by `dt_s` among vehicles and `everybody` (M,) `BODY`: all people, these included.
+
+        Nobody begins to cross where the mask `red` (K, K) of the ways between nodes says so.
+        """
         if not len(self):
             return
         start, end = self._itinerary.ends()
-        self._goes |= self._is_safe((start + end) / 2, fleet)
+        safe = self._is_safe((start + end) / 2, fleet)
+        self._goes |= safe if red is None else safe & ~self._itinerary.is_on(red)
         walkers = Walkers(self.position, self.velocity, start, end, self._speed, self._itinerary.will_cross())
         heading, distance = headings(walkers)
         passes, before = self._manner.passes, self.position
@@ -284,9 +288,13 @@ class Itinerary:
         nodes = self._ways.nodes
         return nodes[self._from] + self._offset, nodes[self._to] + self._offset
 
+    def is_on(self, ways: Mask) -> Mask:
+        """Return the mask (N,) of people whose present way is one of a mask (K, K) of ways between nodes."""
+        return np.asarray(ways[self._from, self._to])
+
     def crosses(self) -> Mask:
         """Return the mask (N,) of people whose present way crosses a road."""
-        return np.asarray(self._ways.crossing[self._from, self._to])
+        return self.is_on(self._ways.crossing)
 
     def will_cross(self) -> Mask:
         """Return the mask (N,) of people whose next way crosses a road."""

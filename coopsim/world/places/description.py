@@ -56,13 +56,16 @@ class MapLane:
         start: node (key `from`).
         end: node (key `to`).
         via: points between them.
+        curved: `via` and both ends are points of one lane that bends from each to the next; else each is the end of a
+            straight piece, before which vehicles may have to wait.
         centre: middle of an arc.
         turn: "left" or "right" along an arc; "around": a loop from one lane to the next one on its left.
         width_m: width; None: 4.
-        widths_m: widths at the start, at each point of `via`, and at the end, in place of `width_m`. Each straight
-            piece is as wide as its narrower end.
+        widths_m: widths at the start, at each point of `via`, and at the end, in place of `width_m`. Between them the
+            width of a curved lane changes evenly; each straight piece is as wide as its narrower end.
         speed_m_s: limit; None: 11, of loops 5.5.
         priority: others give way.
+        yields: nodes of lanes to which vehicles here give way, in place of the rule by `priority`; [] is to none.
         left: nodes of the lane on the left in the same direction, whose `right` is this one.
         right: likewise on the right. Drivers keep their lanes; neighbours are kept as maps have them.
     """
@@ -70,14 +73,45 @@ class MapLane:
     start: str = field(metadata={"key": "from"})
     end: str = field(metadata={"key": "to"})
     via: Line = ()
+    curved: bool = False
     centre: Point | None = None
     turn: Annotated[str, OneOf(("left", "right", "around"))] | None = None
     width_m: _Width | None = None
     widths_m: tuple[_Width, ...] = ()
     speed_m_s: _Speed | None = None
     priority: bool = False
+    yields: tuple[tuple[str, ...], ...] | None = None
     left: tuple[str, ...] = ()
     right: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class MapPhase:
+    """Phase of traffic lights: `seconds`, and the `state`: a letter for each light.
+
+    G is green with priority, g green for those who yield, y yellow, r red. Without `yields`, those at g yield to all at
+    G that they would cross.
+    """
+
+    seconds: float
+    state: str
+
+
+@dataclass(frozen=True, slots=True)
+class MapSignal:
+    """Traffic lights with one program, which is repeated.
+
+    Attributes:
+        roads: nodes of lanes (`[from, to]`) at whose beginnings vehicles wait.
+        phases: the program; each state has a letter for every one of `roads`, then for every one of `crosswalks`.
+        crosswalks: two nodes of `walks` each, ways over a road; people wait at y and r.
+        offset_s: time from the episode's start to a start of the program.
+    """
+
+    roads: tuple[tuple[str, ...], ...]
+    phases: tuple[MapPhase, ...]
+    crosswalks: tuple[tuple[str, ...], ...] = ()
+    offset_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,6 +240,9 @@ class PlaceDescription:
     Attributes:
         nodes: points on the middle of lanes, by name.
         roads: lanes between them.
+        signals: traffic lights.
+        cut: the place is cut out of a map: lanes may end, and vehicles that leave come in again where lanes begin, out
+            of sight. Connected cars turn where they need not leave.
         starts: where vehicles start; None: every 15 m on straight lanes that no other crosses.
         cars_first: number of starts with a rank that have cars, whatever else is drawn.
         speeds_m_s: speeds that a policy can choose from, rising in equal steps; empty: 0, half and all of the limit.
@@ -228,6 +265,8 @@ class PlaceDescription:
 
     nodes: Mapping[str, Point]
     roads: tuple[MapLane, ...]
+    signals: tuple[MapSignal, ...] = ()
+    cut: bool = False
     starts: tuple[MapStart, ...] | None = None
     cars_first: Annotated[int, Checked(require_count, (0,))] = 0
     speeds_m_s: tuple[float, ...] = ()

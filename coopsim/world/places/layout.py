@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -15,8 +15,10 @@ from coopsim.support.arrays import numbered
 from coopsim.types import Ints, Mask
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.model import Model
+from coopsim.world.places.polyline import PolylineLane
 from coopsim.world.places.relief import Relief
-from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork, StraightLane
+from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork
+from coopsim.world.places.signals import Signal
 from coopsim.world.snapshot import RoadMap, StaticPart
 
 LANE_M = 4.0
@@ -178,6 +180,9 @@ class Layout:
         road_map: outlines.
         movements: roads over a junction, from stop line to exit; none where roads do not meet.
         priority: movements to which others give way.
+        yields: movements to which one gives way, by that one, in place of the rule by `priority`.
+        signals: traffic lights.
+        cut: lanes end at the place's edge, where vehicles leave and come in again.
         window_m: vehicles farther than this along x from all cars that keep together are replaced; None: never.
         cars_first: number of the first slots in `connected_order` that have cars, whatever else is drawn.
         convoy_gap_s: time gap at which those cars follow each other in their lane; None: they change lanes as others.
@@ -204,6 +209,9 @@ class Layout:
     road_map: RoadMap
     movements: tuple[Road, ...] = ()
     priority: tuple[Road, ...] = ()
+    yields: Mapping[Road, tuple[Road, ...]] = field(default_factory=dict)
+    signals: tuple[Signal, ...] = ()
+    cut: bool = False
     window_m: float | None = None
     cruise_m_s: float | None = None
     cars_first: int = 0
@@ -256,15 +264,36 @@ def rectangle(x: tuple[float, float], y: tuple[float, float]) -> Floats:
     return np.array([[x[0], y[0]], [x[1], y[0]], [x[1], y[1]], [x[0], y[1]]])
 
 
-def lane_outline(lane: Lane, step_m: float = 2.0) -> list[Floats]:
-    """Return a lane's surface as convex quadrilaterals (4, 2) m, counter-clockwise, in bends at most `step_m` long.
+_STRAIGHT_RAD = 1e-3  # at smaller kinks the slit outside is at most 2 mm wide
 
-    They cover all of a bend: chords of its outer edge would leave slits to the next lane.
+
+def lane_outline(lane: Lane, step_m: float = 2.0) -> list[Floats]:
+    """Return a lane's surface as convex outlines (4, 2) m, counter-clockwise, in bends at most `step_m` long.
+
+    They cover all of a bend: chords of its outer edge would leave slits to the next lane. Among those of a polyline are
+    triangles (3, 2) that fill the outsides of its corners.
     """
-    length, left_m, right_m = lane.length, lane.width / 2, lane.width / 2
-    along = np.linspace(0.0, length, 2 if isinstance(lane, StraightLane) else int(np.ceil(length / step_m)) + 1)
+    if isinstance(lane, PolylineLane):
+        return _polyline_outline(lane)
+    left_m, right_m, along = lane.width / 2, lane.width / 2, lane.stations(step_m)
     if isinstance(lane, CircularLane):
         outer_m = (lane.radius + lane.width / 2) / exact.cos(along[1] / lane.radius / 2) - lane.radius
         left_m, right_m = (left_m, outer_m) if lane.turn > 0 else (outer_m, right_m)
     left, right = lane.positions(along, left_m), lane.positions(along, -right_m)
     return list(np.stack([right[:-1], right[1:], left[1:], left[:-1]], axis=1))
+
+
+def _polyline_outline(lane: PolylineLane) -> list[Floats]:
+    """Return a piece (4, 2) m between two points each, and triangles (3, 2) m outside the corners between them."""
+    corners, points = lane.corners, lane.points
+    aside = np.column_stack([-corners["dir_y"], corners["dir_x"]])[:-1]
+    half_m = corners["width"][:, None] / 2
+    ends = [points[:-1] - half_m[:-1] * aside, points[1:] - half_m[1:] * aside]
+    ends += [points[1:] + half_m[1:] * aside, points[:-1] + half_m[:-1] * aside]
+    turned = np.diff(corners["heading"][:-1])
+    wedges = []
+    for k in np.flatnonzero(np.abs(turned) > _STRAIGHT_RAD).tolist():
+        outside = -np.sign(turned[k]) * half_m[k + 1]
+        edge = points[k + 1] + outside * aside[k], points[k + 1] + outside * aside[k + 1]
+        wedges.append(np.array([points[k + 1], *(edge if turned[k] > 0 else edge[::-1])]))
+    return [*np.stack(ends, axis=1), *wedges]

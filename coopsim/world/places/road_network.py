@@ -28,9 +28,11 @@ class Lane(ABC):
 
     Attributes:
         length: length of the middle line, m.
+        tightest_m: least radius of its bends, infinite where there are none.
     """
 
     length: float
+    tightest_m: float
 
     def __init__(self, width: float, speed_limit: float, forbidden: bool) -> None:
         self.width, self.speed_limit, self.forbidden = width, speed_limit, forbidden
@@ -45,8 +47,23 @@ class Lane(ABC):
         """Return places (N, 2) m in the world at distances (N,) along the lane, the same as one by one."""
 
     @abstractmethod
+    def stations(self, step_m: float) -> Floats:
+        """Return distances (K,) along the lane, both ends among them, between which its middle is nearly straight.
+
+        Arcs are divided into parts of at most `step_m`.
+        """
+
+    def widths_at(self, along_m: Floats) -> Floats:
+        """Return the lane's widths (N,) m at distances (N,) along it."""
+        return np.full(len(along_m), float(self.width))
+
+    @abstractmethod
     def heading_at(self, along_m: float) -> float:
         """Return the direction of the middle line, rad."""
+
+    def radius_at(self, along_m: float) -> float:
+        """Return the radius of the bend at a distance along the lane, m."""
+        return self.tightest_m
 
     @abstractmethod
     def local_coordinates(self, position: Floats) -> tuple[float, float]:
@@ -60,6 +77,8 @@ class Lane(ABC):
 
 class StraightLane(Lane):
     """A lane from one point (2,) m to another."""
+
+    tightest_m = np.inf
 
     def __init__(
         self,
@@ -82,6 +101,9 @@ class StraightLane(Lane):
 
     def positions(self, along_m: Floats, aside_m: float) -> Floats:
         return np.asarray(self.start + along_m[:, None] * self.direction + aside_m * self._left)
+
+    def stations(self, step_m: float) -> Floats:
+        return np.linspace(0.0, self.length, 2)
 
     def heading_at(self, along_m: float) -> float:
         return self.heading
@@ -110,6 +132,7 @@ class CircularLane(Lane):
         super().__init__(width, speed_limit, forbidden)
         self.center = np.array(center, dtype=np.float64)
         self.radius, self.start_phase, self.end_phase = radius, start_phase, end_phase
+        self.tightest_m = float(radius)
         self.turn = 1 if end_phase > start_phase else -1
         self.length = radius * (end_phase - start_phase) * self.turn
 
@@ -117,6 +140,9 @@ class CircularLane(Lane):
         phase = self.turn * along_m / self.radius + self.start_phase
         ray = np.stack([exact.cos(phase), exact.sin(phase)], axis=1)
         return np.asarray(self.center + (self.radius - aside_m * self.turn) * ray)
+
+    def stations(self, step_m: float) -> Floats:
+        return np.linspace(0.0, self.length, max(2, int(np.ceil(self.length / step_m)) + 1))
 
     def heading_at(self, along_m: float) -> float:
         return self.turn * along_m / self.radius + self.start_phase + np.pi / 2 * self.turn
@@ -157,3 +183,13 @@ class RoadNetwork:
             for end, lanes in ends.items()
             for number, lane in enumerate(lanes)
         }
+
+    @property
+    def endless(self) -> frozenset[Road]:
+        """Roads from which one can drive on without end."""
+        roads = [(start, end) for start in self.graph for end in self.graph[start]]
+        onward = {road: [(road[1], to) for to in self.graph.get(road[1], ())] for road in roads}
+        kept = set(onward)
+        while ended := {road for road in kept if not any(way in kept for way in onward[road])}:
+            kept -= ended
+        return frozenset(kept)

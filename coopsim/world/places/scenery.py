@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.arrays import numbered
+from coopsim.support.kernels import njit
+from coopsim.types import Ints, Mask
 from coopsim.world.places.layout import ASPHALT, GROUND, MARKING, PAVEMENT, box_part, flat_part, post_part, rectangle
+from coopsim.world.places.polyline import CORNER, PolylineLane, piece_at, polyline_coordinates
 from coopsim.world.places.road_network import Road, RoadNetwork, StraightLane
 from coopsim.world.snapshot import RoadMap, StaticPart
 
@@ -106,12 +111,15 @@ _TOUCH_M = 0.3  # largest gap between the edges of two lanes side by side
 
 
 def lane_lines(network: RoadNetwork, movements: Collection[Road] = ()) -> tuple[Floats, ...]:
-    """Return dashes (4, 2) m, counter-clockwise, where two straight lanes lie side by side, but not on `movements`."""
-    lanes = [
-        lane for index, lane in network.lanes.items() if isinstance(lane, StraightLane) and index[:2] not in movements
-    ]
+    """Return dashes (4, 2) m, counter-clockwise, where two straight or two curved lanes lie side by side.
+
+    There are none on `movements`.
+    """
+    every = [lane for index, lane in network.lanes.items() if index[:2] not in movements]
+    lanes = [lane for lane in every if isinstance(lane, StraightLane)]
+    curved = _curved_lines([lane for lane in every if isinstance(lane, PolylineLane)])
     if not lanes:
-        return ()
+        return curved
     start, along = (np.array([getattr(lane, name) for lane in lanes]) for name in ("start", "direction"))
     length_m, half_m = np.array([lane.length for lane in lanes]), np.array([lane.width for lane in lanes]) / 2
     left = np.column_stack([-along[:, 1], along[:, 0]])
@@ -128,4 +136,41 @@ def lane_lines(network: RoadNetwork, movements: Collection[Road] = ()) -> tuple[
     painted = shared.any(axis=1)
     reach, aside = _DASH_M / 2 * along[own], _HALF_M * left[own]
     corners = (-reach - aside, reach - aside, reach + aside, aside - reach)
-    return tuple(np.stack([middle + corner for corner in corners], axis=1)[painted])
+    return (*np.stack([middle + corner for corner in corners], axis=1)[painted], *curved)
+
+
+def _curved_lines(lanes: Sequence[PolylineLane]) -> tuple[Floats, ...]:
+    """Return dashes (4, 2) m, counter-clockwise, where two of the lanes lie side by side."""
+    corners = np.concatenate([np.zeros(0, CORNER), *(lane.corners for lane in lanes)])
+    first, found = np.cumsum([0, *(len(lane.corners) for lane in lanes)]), list[Floats]()
+    for number, lane in enumerate(lanes):
+        count = int(lane.length / _PERIOD_M)
+        at_m = np.asarray((np.arange(count) + 0.5) * (lane.length / max(count, 1)), dtype=np.float64)
+        middle = lane.positions(at_m, 0.0)
+        left = lane.positions(at_m, 1.0) - middle
+        middle += lane.widths_at(at_m)[:, None] / 2 * left
+        reach, aside = _DASH_M / 2 * np.column_stack([left[:, 1], -left[:, 0]]), _HALF_M * left
+        offsets = (-reach - aside, reach - aside, reach + aside, aside - reach)
+        dashes = np.stack([middle + offset for offset in offsets], axis=1)
+        found += list(dashes[_are_shared(middle, corners, first, number)])
+    return tuple(found)
+
+
+@njit(cache=True, nogil=True)
+def _are_shared(points: Floats, corners: NDArray[Any], first: Ints, own: int) -> Mask:
+    """Return the mask (N,) of points (N, 2) m on lane `own`'s left edge that are on another lane's edge, too.
+
+    An edge that is the left one of both belongs to the first of them. Corners of lane k are those from `first[k]` on.
+    """
+    shared = np.zeros(len(points), np.bool_)
+    for k in range(len(first) - 1):
+        start, count = first[k], first[k + 1] - first[k]
+        last = corners[first[k + 1] - 1]
+        for n in range(len(points)):
+            if k == own or shared[n]:
+                continue
+            along, aside = polyline_coordinates(corners, start, count, points[n, 0], points[n, 1])
+            half_m = corners[piece_at(corners, start, count, along)].width / 2
+            touches = 0 < along < last.along and abs(abs(aside) - half_m) < _TOUCH_M
+            shared[n] = touches and (aside < 0 or k > own)
+    return shared

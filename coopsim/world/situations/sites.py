@@ -12,11 +12,11 @@ import numpy as np
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.world.places.layout import Layout
-from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork
+from coopsim.world.places.polyline import LATERAL_M_S2
+from coopsim.world.places.road_network import Lane, LaneIndex, Road, RoadNetwork
 
 _KINK_RAD = 0.1  # at most, between two lanes of a way: less than a steering movement
 _TURN_RAD = 0.35  # at most, of a whole way: buildings and parked vehicles hide little around a bend
-_LATERAL_M_S2 = 2.0  # comfortable in a bend, as `coopsim.world.traffic.way_ahead` has it
 _ALONGSIDE_M = (2.2, 5.5)  # between the middles of a lane and of vehicles parked beside it
 _ONCOMING_M = 8.0  # at most, between the middles of a lane and of the oncoming one
 _ACROSS_RAD = (math.radians(60), math.radians(120))  # angles at which roads cross
@@ -134,7 +134,7 @@ def way_through(network: RoadNetwork, roads: Sequence[Road], number: int, along_
 
 def comfortable_m_s(lane: Lane) -> float:
     """Return the largest comfortable speed in a lane's bend, m/s; infinite on a straight lane."""
-    return math.sqrt(_LATERAL_M_S2 * lane.radius) if isinstance(lane, CircularLane) else math.inf
+    return math.sqrt(LATERAL_M_S2 * lane.tightest_m)
 
 
 def _straightest(network: RoadNetwork, lane: LaneIndex, kink_rad: float, *, back: bool) -> LaneIndex | None:
@@ -197,7 +197,7 @@ def _lanes_beside(
 ) -> Iterator[tuple[LaneIndex, float, float, float]]:
     """Yield straight lanes beside a point (2,): index, distance along, point's distance to the left, turn from it."""
     for index, lane in network.lanes.items():
-        if isinstance(lane, CircularLane):
+        if lane.tightest_m < math.inf:
             continue
         along, aside = lane.local_coordinates(point)
         if 0 <= along <= lane.length:
@@ -276,7 +276,7 @@ def corner_sites(
         other_reach: needs of the other's way.
     """
     lanes = {road: layout.network.get_lane((*road, 0)) for road in layout.movements}
-    straight = [road for road, lane in lanes.items() if not isinstance(lane, CircularLane)]
+    straight = [road for road, lane in lanes.items() if lane.tightest_m == math.inf]
     pairs = [(a, b) for a in straight for b in straight if a != b]
     for k in rng.permutation(len(pairs)):
         own, other = (lanes[road] for road in pairs[k])

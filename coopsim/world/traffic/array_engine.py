@@ -15,12 +15,16 @@ from coopsim.types.driving import JERK_M_S3, Command, Route
 from coopsim.types.messages import MANEUVERS
 from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.road_network import Road
+from coopsim.world.places.signals import Signal
 from coopsim.world.traffic.drivers import ACC_MAX, change_lane, drive, follow, is_reachable, nearest_on_route, stop_at
 from coopsim.world.traffic.fleet import CHAUFFEURED, PARKED, PEDALLED, TOWN, UNYIELDING, Fleet, bodies_of
-from coopsim.world.traffic.lanes import LaneArrays, NumberedNetwork, follow_road, plan_ahead
+from coopsim.world.traffic.lanes import LaneArrays, NumberedNetwork
+from coopsim.world.traffic.lights import Lights
 from coopsim.world.traffic.motion import SPEED_GAIN_1_S, collide, move, steer
+from coopsim.world.traffic.movements import movements_of
 from coopsim.world.traffic.neighbours import Scene, list_along_lanes
-from coopsim.world.traffic.right_of_way import GRANTED, grant, line_ahead, movements_of
+from coopsim.world.traffic.right_of_way import GRANTED, grant, line_ahead
+from coopsim.world.traffic.routes import end_of_route, follow_road, plan_ahead
 from coopsim.world.traffic.way_ahead import way_ahead
 
 _LANE_LEFT, _LANE_RIGHT, _FASTER, _SLOWER = (
@@ -37,6 +41,11 @@ class ArrayEngine:
         speeds_m_s: target speeds that a policy can choose from, evenly spaced.
         priority: movements to which others give way.
         clearance_m: see `coopsim.world.places.layout.Layout`.
+        yields: likewise.
+        signals: likewise.
+
+    Attributes:
+        lights: traffic lights.
     """
 
     def __init__(
@@ -46,10 +55,13 @@ class ArrayEngine:
         speeds_m_s: Sequence[float] = (),
         priority: Sequence[Road] = (),
         clearance_m: float = CLEARANCE_M,
+        yields: Mapping[Road, Sequence[Road]] | None = None,
+        signals: Sequence[Signal] = (),
     ) -> None:
         self._network = network.arrays
         self._speeds = np.array(speeds_m_s, dtype=np.float64)
-        self._movements = movements_of(network, movements, priority, clearance_m)
+        always = movements_of(network, movements, priority, clearance_m, yields, lights=bool(signals))
+        self.lights = Lights(signals, movements, always, tuple(yields or ()))
 
     def step(self, fleet: Fleet, people: NDArray[Any], dt_s: float, commands: Mapping[int, Command]) -> None:
         """Advance a fleet by `dt_s`.
@@ -67,15 +79,17 @@ class ArrayEngine:
                 fleet.rows["acceleration"][row] = before + min(max(command - before, -change_m_s2), change_m_s2)
             else:
                 _obey(self._network, fleet.rows, fleet.routes, row, command, self._speeds)
-        if len(self._movements.role):
-            grant(self._network, fleet.rows, fleet.routes, self._movements)
-        _act(self._network, fleet.rows, fleet.routes, bodies_of(fleet.rows, people), self._movements.of_road)
-        move(self._network.lanes, fleet.rows, dt_s)
+        self.lights.step(dt_s)
+        movements = self.lights.movements
+        if len(movements.role):
+            grant(self._network, fleet.rows, fleet.routes, movements)
+        _act(self._network, fleet.rows, fleet.routes, bodies_of(fleet.rows, people), movements.of_road)
+        move(self._network, fleet.rows, dt_s)
         collide(fleet.rows, bodies_of(fleet.rows, people), dt_s)
 
     def way_ahead(self, fleet: Fleet, row: int) -> Route:
         """Return the way ahead of the vehicle in a row, in its own frame."""
-        return way_ahead(self._network, self._movements, fleet.rows, row, fleet.routes[row])
+        return way_ahead(self._network, self.lights.movements, fleet.rows, row, fleet.routes[row])
 
 
 @njit(cache=True, nogil=True)
@@ -93,7 +107,7 @@ def _obey(network: LaneArrays, rows: NDArray[Any], routes: Ints, row: int, maneu
         road = network.roads[lane.road]
         number = lane.number + (1 if maneuver == _LANE_RIGHT else -1)
         wanted = road.first_lane + min(max(number, 0), road.lanes - 1)
-        if is_reachable(network.lanes[wanted], vehicle.x, vehicle.y):
+        if is_reachable(network.lanes[wanted], network.corners, vehicle.x, vehicle.y):
             vehicle.target_lane = wanted
 
 
@@ -108,7 +122,7 @@ def closest_speed(speeds: Floats, speed: float) -> int:
 @njit(cache=True, nogil=True)
 def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[Any], movement_of: Ints) -> None:
     """Decide steering and acceleration of all vehicles."""
-    scene = Scene(network, rows, routes, bodies, list_along_lanes(network.lanes, bodies))
+    scene = Scene(network, rows, routes, bodies, list_along_lanes(network, bodies))
     for me in range(len(rows)):
         vehicle, route = rows[me], routes[me]
         if vehicle.driver == CHAUFFEURED:
@@ -127,7 +141,7 @@ def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[
             follow_road(network, vehicle, route)
             change_lane(scene, me)
             vehicle.acceleration = min(max(follow(scene, me), -ACC_MAX), ACC_MAX)
-        vehicle.steering = steer(network.lanes[vehicle.target_lane], vehicle)
+        vehicle.steering = steer(network.lanes[vehicle.target_lane], network.corners, vehicle)
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -142,4 +156,6 @@ def _drive_in_town(scene: Scene, me: int, movement_of: Ints) -> float:
         _, line_m = line_ahead(network, vehicle, route, movement_of)
         if 0 < line_m < np.inf:
             acceleration = min(acceleration, stop_at(scene, me, line_m))
+    if vehicle.ends and network.roads[route[vehicle.route_length - 1, 0]].ways == 0:
+        acceleration = min(acceleration, stop_at(scene, me, end_of_route(network, vehicle, route)))
     return acceleration

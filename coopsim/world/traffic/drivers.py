@@ -13,18 +13,13 @@ from typing import Any
 from numpy.typing import NDArray
 
 from coopsim.support.kernels import njit
+from coopsim.world.places.polyline import polyline_speed
 from coopsim.world.traffic import rules
 from coopsim.world.traffic.fleet import PEDALLED, TOWN, UNYIELDING, Body, Vehicle
-from coopsim.world.traffic.lanes import (
-    CIRCULAR,
-    LaneRow,
-    distance_to_box,
-    heading_at,
-    lane_of_route,
-    local_coordinates,
-    start_of_route,
-)
+from coopsim.world.traffic.lane_geometry import distance_to_box, heading_at, local_coordinates, radius_at
+from coopsim.world.traffic.lanes import CIRCULAR, POLYLINE, LaneArrays, LaneRow
 from coopsim.world.traffic.neighbours import LaneLists, Scene, behind, first_from, in_front
+from coopsim.world.traffic.routes import lane_of_route, start_of_route
 
 ACC_MAX = 6.0  # m/s2; limit of braking and accelerating
 COMFORT_ACC_MIN = -5.0
@@ -59,42 +54,42 @@ def free_road(speed: float, target_speed: float) -> float:
 
 @njit(cache=True, nogil=True)
 def acceleration(
-    lanes: NDArray[Any], rows: NDArray[Any], bodies: NDArray[Any], driver: Vehicle, ego: int, front: int
+    network: LaneArrays, rows: NDArray[Any], bodies: NDArray[Any], driver: Vehicle, ego: int, front: int
 ) -> float:
     """Return IDM's acceleration of body `ego` behind body `front` (-1: none), m/s2; 0 if `ego` is no vehicle."""
     if ego < 0 or ego >= len(rows):
         return 0.0
-    lane: LaneRow = lanes[rows[ego].lane]
+    lane: LaneRow = network.lanes[rows[ego].lane]
     result = free_road(bodies[ego].speed, min(max(rows[ego].target_speed, 0.0), lane.speed_limit))
     if front >= 0:
         gap = desired_gap(driver, bodies[ego], bodies[front])
-        distance = distance_along(lane, bodies[ego], bodies[front])
+        distance = distance_along(lane, network.corners, bodies[ego], bodies[front])
         result -= rules.COMFORT_ACC_MAX * (gap / rules.not_zero(distance)) ** 2
     return result
 
 
 @njit(cache=True, nogil=True)
-def distance_along(lane: LaneRow, ego: Body, other: Body) -> float:
+def distance_along(lane: LaneRow, corners: NDArray[Any], ego: Body, other: Body) -> float:
     """Return the distance between the middles of two bodies along a lane, m."""
-    return local_coordinates(lane, other.x, other.y)[0] - local_coordinates(lane, ego.x, ego.y)[0]
+    return local_coordinates(lane, corners, other.x, other.y)[0] - local_coordinates(lane, corners, ego.x, ego.y)[0]
 
 
 @njit(cache=True, nogil=True, inline="always")
 def follow(scene: Scene, me: int) -> float:
     """Return IDM's acceleration behind the body in front in the own lane and the target lane, m/s2."""
-    lanes, rows, vehicle = scene.network.lanes, scene.rows, scene.rows[me]
-    result = _follow_on(lanes, rows, scene.bodies, scene.lists, me, vehicle.lane)
+    network, rows, vehicle = scene.network, scene.rows, scene.rows[me]
+    result = _follow_on(network, rows, scene.bodies, scene.lists, me, vehicle.lane)
     if vehicle.lane != vehicle.target_lane:
-        result = min(result, _follow_on(lanes, rows, scene.bodies, scene.lists, me, vehicle.target_lane))
+        result = min(result, _follow_on(network, rows, scene.bodies, scene.lists, me, vehicle.target_lane))
     return result
 
 
 @njit(cache=True, nogil=True)
 def _follow_on(
-    lanes: NDArray[Any], rows: NDArray[Any], bodies: NDArray[Any], lists: LaneLists, me: int, lane: int
+    network: LaneArrays, rows: NDArray[Any], bodies: NDArray[Any], lists: LaneLists, me: int, lane: int
 ) -> float:
-    along, _ = local_coordinates(lanes[lane], rows[me].x, rows[me].y)
-    return acceleration(lanes, rows, bodies, rows[me], me, in_front(lists, lanes, lane, me, along))
+    along, _ = local_coordinates(network.lanes[lane], network.corners, rows[me].x, rows[me].y)
+    return acceleration(network, rows, bodies, rows[me], me, in_front(lists, network.lanes, lane, me, along))
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -113,16 +108,17 @@ def change_lane(scene: Scene, me: int) -> None:
         if not 0 <= number < road.lanes or abs(driver.speed) < 1:
             continue
         lane = road.first_lane + number
-        if not is_reachable(scene.network.lanes[lane], driver.x, driver.y) or _is_taken(scene, me, lane):
+        reachable = is_reachable(scene.network.lanes[lane], scene.network.corners, driver.x, driver.y)
+        if not reachable or _is_taken(scene, me, lane):
             continue
         if _mobil(scene, me, lane):
             driver.target_lane = lane
 
 
 @njit(cache=True, nogil=True)
-def is_reachable(lane: LaneRow, x: float, y: float) -> bool:
+def is_reachable(lane: LaneRow, corners: NDArray[Any], x: float, y: float) -> bool:
     """Return whether a vehicle at (x, y) may change to the lane."""
-    along, aside = local_coordinates(lane, x, y)
+    along, aside = local_coordinates(lane, corners, x, y)
     return not lane.forbidden and abs(aside) <= 2 * lane.width and 0 <= along < lane.length + rules.VEHICLE_LENGTH_M
 
 
@@ -136,7 +132,7 @@ def _give_way(scene: Scene, me: int) -> None:
         return
     for k in range(len(rows)):
         if k != me and rows[k].lane != driver.target_lane and rows[k].target_lane == driver.target_lane:
-            distance = distance_along(here, bodies[me], bodies[k])
+            distance = distance_along(here, scene.network.corners, bodies[me], bodies[k])
             if 0 < distance < desired_gap(driver, bodies[me], bodies[k]):
                 driver.target_lane = driver.lane
                 return
@@ -149,7 +145,7 @@ def _is_taken(scene: Scene, me: int, lane: int) -> bool:
     here = scene.network.lanes[rows[me].lane]
     for k in range(len(rows)):
         moves_in = k != me and rows[k].target_lane == lane and rows[k].lane != lane
-        if moves_in and abs(distance_along(here, bodies[me], bodies[k])) < rules.MERGE_M:
+        if moves_in and abs(distance_along(here, scene.network.corners, bodies[me], bodies[k])) < rules.MERGE_M:
             return True
     return False
 
@@ -159,17 +155,17 @@ def _mobil(scene: Scene, me: int, lane: int) -> bool:
     """Return whether a lane change is safe for the follower there, and gains enough (highway-env's politeness is 0)."""
     lanes, rows, bodies = scene.network.lanes, scene.rows, scene.bodies
     driver, route = rows[me], scene.routes[me]
-    along, _ = local_coordinates(lanes[lane], driver.x, driver.y)
+    along, _ = local_coordinates(lanes[lane], scene.network.corners, driver.x, driver.y)
     front = in_front(scene.lists, lanes, lane, me, along)
     follower = behind(scene.lists, lanes, lane, me, along)
-    if acceleration(lanes, rows, bodies, driver, follower, me) < -LANE_CHANGE_MAX_BRAKING_IMPOSED:
+    if acceleration(scene.network, rows, bodies, driver, follower, me) < -LANE_CHANGE_MAX_BRAKING_IMPOSED:
         return False
-    there = acceleration(lanes, rows, bodies, driver, me, front)
+    there = acceleration(scene.network, rows, bodies, driver, me, front)
     if driver.route_length > 0 and route[0, 1] >= 0:
         number = lanes[driver.target_lane].number
         towards = _sign(lanes[lane].number - number) == _sign(route[0, 1] - number)
         return towards and there >= -LANE_CHANGE_MAX_BRAKING_IMPOSED
-    return there - _follow_on(lanes, rows, bodies, scene.lists, me, driver.lane) >= LANE_CHANGE_MIN_ACC_GAIN
+    return there - _follow_on(scene.network, rows, bodies, scene.lists, me, driver.lane) >= LANE_CHANGE_MIN_ACC_GAIN
 
 
 @njit(cache=True, nogil=True)
@@ -207,16 +203,20 @@ def nearest_on_route(scene: Scene, me: int) -> tuple[int, float]:
             break
         number = lane_of_route(network, vehicle, route, k)
         lane: LaneRow = network.lanes[number]
+        # Where a road ends, a vehicle may stand just beyond.
+        end_m = lane.length if network.roads[lane.road].ways > 0 else lane.length + rules.VEHICLE_LENGTH_M
         for entry in range(first_from(lists, number, max(0.0, -start_m)), lists.first[number] + lists.entries[number]):
             along, other = lists.along[entry], lists.body[entry]
             distance_m = start_m + along
-            if along > lane.length or distance_m >= nearest_m:
+            if along > end_m or distance_m >= nearest_m:
                 break
             if other == me or distance_m <= 0:
                 continue
             drives = other < vehicles
             strange = drives and vehicle.driver == TOWN and scene.rows[other].driver == PEDALLED
-            if _is_in_way(vehicle, scene.bodies[other], drives, strange, lane, along, lists.aside[entry]):
+            angle = scene.bodies[other].heading - heading_at(lane, network.corners, along)
+            radius_m = radius_at(lane, network.corners, along)
+            if _is_in_way(vehicle, scene.bodies[other], drives, strange, angle, radius_m, lists.aside[entry]):
                 nearest, nearest_m = other, distance_m
                 break
         start_m += lane.length
@@ -225,18 +225,19 @@ def nearest_on_route(scene: Scene, me: int) -> tuple[int, float]:
 
 @njit(cache=True, nogil=True)
 def _is_in_way(
-    vehicle: Vehicle, other: Body, drives: bool, strange: bool, lane: LaneRow, along: float, aside: float
+    vehicle: Vehicle, other: Body, drives: bool, strange: bool, angle: float, radius_m: float, aside: float
 ) -> bool:
-    """Return whether a body is in the way; a `strange` vehicle may come towards or across, whoever has the right."""
+    """Return whether a body is in the way; a `strange` vehicle may come towards or across, whoever has the right.
+
+    `angle` is its heading from the lane's, and `radius_m` that of the bend where it is.
+    """
     reach_m = rules.passing_distance(vehicle.width, other.width)
-    angle = other.heading - heading_at(lane, along)
     if drives:
         stands = strange or other.crashed or other.speed < rules.STANDING_M_S
         return rules.is_vehicle_in_way(
-            aside, angle, other.length, other.width, stands, reach_m, _swing_on(vehicle, lane)
+            aside, angle, other.length, other.width, stands, reach_m, _swing_in(vehicle, radius_m)
         )
-    if lane.kind == CIRCULAR:
-        reach_m += rules.cut_inside_m(vehicle.length, lane.radius)
+    reach_m += rules.cut_inside_m(vehicle.length, radius_m)
     return rules.is_person_in_way(aside, angle, other.speed, reach_m)
 
 
@@ -258,25 +259,26 @@ def _tail_ahead(scene: Scene, me: int, nearest: int, nearest_m: float) -> tuple[
         for k in range(vehicle.route_length):
             lane: LaneRow = network.lanes[lane_of_route(network, vehicle, route, k)]
             start_m, end_m = end_m, end_m + lane.length
-            reach_m = rules.passing_distance(vehicle.width, body.width) + _swing_on(vehicle, lane)
+            reach_m = rules.passing_distance(vehicle.width, body.width) + _swing_in(vehicle, lane.radius)
             if distance_to_box(lane, x, y) > reach_m:  # saves time
                 continue
-            along, aside = local_coordinates(lane, x, y)
+            along, aside = local_coordinates(lane, network.corners, x, y)
             distance_m = start_m + along + half_m
             if not (0 <= along <= lane.length and half_m < distance_m < nearest_m):
                 continue
-            middle_aside = local_coordinates(lane, body.x, body.y)[1]
-            if rules.is_tail_in_way(aside, body.heading - heading_at(lane, along), middle_aside, reach_m):
+            middle_aside = local_coordinates(lane, network.corners, body.x, body.y)[1]
+            angle = body.heading - heading_at(lane, network.corners, along)
+            swing_m = _swing_in(vehicle, radius_at(lane, network.corners, along))
+            reach_m = rules.passing_distance(vehicle.width, body.width) + swing_m
+            if rules.is_tail_in_way(aside, angle, middle_aside, reach_m):
                 nearest, nearest_m = other, distance_m
     return nearest, nearest_m
 
 
 @njit(cache=True, nogil=True)
-def _swing_on(vehicle: Vehicle, lane: LaneRow) -> float:
-    """Return how far a vehicle swings out on a lane, m."""
-    if lane.kind != CIRCULAR:
-        return 0.0
-    return float(rules.swing_m(vehicle.length, vehicle.axle_m, lane.radius))
+def _swing_in(vehicle: Vehicle, radius_m: float) -> float:
+    """Return how far a vehicle swings out in a bend, m."""
+    return float(rules.swing_m(vehicle.length, vehicle.axle_m, radius_m))
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -289,5 +291,8 @@ def _free(scene: Scene, me: int) -> float:
         lane: LaneRow = network.lanes[lane_of_route(network, vehicle, route, k)]
         if vehicle.driver != UNYIELDING or lane.kind == CIRCULAR:
             speed = min(speed, rules.approach_speed(lane.speed_limit, distance_m))
+        if lane.kind == POLYLINE:
+            corners, first = network.corners, lane.first_corner
+            speed = min(speed, polyline_speed(corners, first, lane.corners, distance_m, rules.EASY_BRAKING_M_S2))
         distance_m += lane.length
     return free_road(vehicle.speed, speed)

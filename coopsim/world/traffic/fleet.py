@@ -9,18 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
+from coopsim.support.arrays import dtype_of
 from coopsim.types import Ints
-
-_DTYPES = {"int": np.int64, "float": np.float64, "bool": np.bool_}
-
-
-def dtype_of(declaration: type[Any]) -> np.dtype[Any]:
-    """Return the dtype with the fields of a class whose annotations are int, float or bool.
-
-    Its module must postpone annotations (`from __future__ import annotations`), so that they are names.
-    """
-    return np.dtype([(name, _DTYPES[kind]) for name, kind in declaration.__annotations__.items()], align=True)
-
 
 HIGHWAY, TOWN, CHAUFFEURED, PARKED, PEDALLED, UNYIELDING = range(6)
 """Drivers: with lane changes by MOBIL; along a route, with a look ahead and junctions; an agent's maneuvers; none; an
@@ -55,6 +45,8 @@ class Vehicle(Protocol):
     route_length: int  # how many roads of its route are valid
     turn_key: int  # decides all its turns
     turns: int  # how many it has drawn
+    stays: bool  # turns only where its way never has to end
+    ends: bool  # stops where its way ends
     movement: int  # over the junction, that it asks for; -1: none
     ticket: int  # see `coopsim.world.traffic.right_of_way`
 

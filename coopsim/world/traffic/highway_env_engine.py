@@ -24,10 +24,13 @@ from coopsim.types.driving import Command, Route
 from coopsim.types.messages import MANEUVERS
 from coopsim.world.places.layout import CLEARANCE_M, ROADS_AHEAD
 from coopsim.world.places.road_network import CircularLane, Road, RoadNetwork, StraightLane
+from coopsim.world.places.signals import Signal
 from coopsim.world.traffic import rules
 from coopsim.world.traffic.fleet import CHAUFFEURED, HIGHWAY, PARKED, TOWN, Fleet
 from coopsim.world.traffic.lanes import NumberedNetwork
-from coopsim.world.traffic.right_of_way import GRANTED, grant, movements_of
+from coopsim.world.traffic.lights import Lights
+from coopsim.world.traffic.movements import movements_of
+from coopsim.world.traffic.right_of_way import GRANTED, grant
 
 
 class SizedVehicle(ControlledVehicle):  # type: ignore[misc]
@@ -274,11 +277,16 @@ class ReferenceEngine:
         speeds_m_s: Sequence[float] = (),
         priority: Sequence[Road] = (),
         clearance_m: float = CLEARANCE_M,
+        yields: Mapping[Road, Sequence[Road]] | None = None,
+        signals: Sequence[Signal] = (),
     ) -> None:
+        if signals:
+            raise InvalidValueError('traffic must be "arrays" where there are traffic lights')
+        self.lights: Lights | None = None
         self._network, self._speeds = network, tuple(speeds_m_s)
         self._road = highway_roads.Road(_as_highway_env(network.source))
         self._movements, self._over_junctions = (
-            movements_of(network, movements, priority, clearance_m),
+            movements_of(network, movements, priority, clearance_m, yields),
             frozenset(movements),
         )
         self._ids: list[int] = []
@@ -371,4 +379,8 @@ def _as_highway_env(network: RoadNetwork) -> highway_roads.RoadNetwork:
             # highway-env looks at y from above: its clockwise is our left turn.
             arc = (lane.center, lane.radius, lane.start_phase, lane.end_phase, lane.turn > 0)
             converted.add_lane(start, end, highway_lanes.CircularLane(*arc, **usual))
+        else:
+            raise InvalidValueError(
+                f'traffic must be "arrays" where lanes are curved, as that from {start!r} to {end!r}'
+            )
     return converted

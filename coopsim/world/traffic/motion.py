@@ -21,7 +21,8 @@ from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.traffic import rules
 from coopsim.world.traffic.fleet import CHAUFFEURED, Body, Vehicle
-from coopsim.world.traffic.lanes import LaneRow, closest_lane, heading_at, local_coordinates
+from coopsim.world.traffic.lane_geometry import closest_lane, heading_at, local_coordinates
+from coopsim.world.traffic.lanes import LaneArrays, LaneRow
 
 HEADING_GAIN_1_S = 5.0
 SPEED_GAIN_1_S = 1 / 0.6
@@ -30,16 +31,16 @@ SPEED_MAX_M_S = 40.0
 
 
 @njit(cache=True, nogil=True)
-def steer(lane: LaneRow, vehicle: Vehicle) -> float:
+def steer(lane: LaneRow, corners: NDArray[Any], vehicle: Vehicle) -> float:
     """Return the steering angle that brings a vehicle to the lane's middle line, rad.
 
     A proportional controller of the place aside sets a speed aside, and so a heading; another one of the heading sets a
     turn rate, and so a steering angle.
     """
     if vehicle.axle_m < vehicle.length / 2:
-        return float(_steer_by_front_axle(lane, vehicle))
-    along, aside = local_coordinates(lane, vehicle.x, vehicle.y)
-    ahead = heading_at(lane, along + vehicle.speed * PURSUIT_S)
+        return float(_steer_by_front_axle(lane, corners, vehicle))
+    along, aside = local_coordinates(lane, corners, vehicle.x, vehicle.y)
+    ahead = heading_at(lane, corners, along + vehicle.speed * PURSUIT_S)
     speed = rules.not_zero(vehicle.speed)
     towards = rules.angle_to_lane(aside, vehicle.speed, vehicle.lateral_gain)
     turn_rate = HEADING_GAIN_1_S * rules.wrap(ahead + towards - vehicle.heading)
@@ -48,16 +49,16 @@ def steer(lane: LaneRow, vehicle: Vehicle) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _steer_by_front_axle(lane: LaneRow, vehicle: Vehicle) -> float:
+def _steer_by_front_axle(lane: LaneRow, corners: NDArray[Any], vehicle: Vehicle) -> float:
     x = vehicle.x + vehicle.axle_m * math.cos(vehicle.heading)
     y = vehicle.y + vehicle.axle_m * math.sin(vehicle.heading)
-    along, aside = local_coordinates(lane, x, y)
-    ahead = heading_at(lane, along + vehicle.speed * PURSUIT_S)
+    along, aside = local_coordinates(lane, corners, x, y)
+    ahead = heading_at(lane, corners, along + vehicle.speed * PURSUIT_S)
     return rules.steer_front_axle(aside, ahead, vehicle.heading, vehicle.speed, vehicle.lateral_gain)
 
 
 @njit(cache=True, nogil=True)
-def move(lanes: NDArray[Any], rows: NDArray[Any], dt_s: float) -> None:
+def move(network: LaneArrays, rows: NDArray[Any], dt_s: float) -> None:
     """Move all vehicles for `dt_s` as they have decided; crashed ones brake to a stop."""
     for k in range(len(rows)):
         vehicle: Vehicle = rows[k]
@@ -72,7 +73,7 @@ def move(lanes: NDArray[Any], rows: NDArray[Any], dt_s: float) -> None:
         vehicle.heading += vehicle.speed * math.sin(slip) / vehicle.axle_m * dt_s
         vehicle.speed += vehicle.acceleration * dt_s
         vehicle.timer += dt_s
-        vehicle.lane = closest_lane(lanes, vehicle.x, vehicle.y, vehicle.heading, vehicle.lane)
+        vehicle.lane = closest_lane(network.lanes, network.corners, vehicle.x, vehicle.y, vehicle.heading, vehicle.lane)
 
 
 @njit(cache=True, nogil=True)

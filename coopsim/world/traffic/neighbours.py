@@ -11,7 +11,8 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.traffic.fleet import Body
-from coopsim.world.traffic.lanes import LaneArrays, LaneRow, distance_to_box, local_coordinates
+from coopsim.world.traffic.lane_geometry import distance_to_box, local_coordinates
+from coopsim.world.traffic.lanes import LaneArrays, LaneRow
 from coopsim.world.traffic.rules import NEAR_M, VEHICLE_LENGTH_M
 
 _ON_LANE_M = 1.0  # bodies up to this far outside a lane are on it
@@ -54,8 +55,9 @@ class Scene(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def list_along_lanes(lanes: NDArray[Any], bodies: NDArray[Any]) -> LaneLists:
+def list_along_lanes(network: LaneArrays, bodies: NDArray[Any]) -> LaneLists:
     """Sort bodies into the lanes that they are near; a body may be near several."""
+    lanes, corners = network.lanes, network.corners
     capacity = np.zeros(len(lanes), dtype=np.int64)
     for k in range(len(lanes)):
         for i in range(len(bodies)):
@@ -69,7 +71,7 @@ def list_along_lanes(lanes: NDArray[Any], bodies: NDArray[Any]) -> LaneLists:
         for i in range(len(bodies)):
             if not _may_be_near(lane, bodies[i]):
                 continue
-            s, d = local_coordinates(lane, bodies[i].x, bodies[i].y)
+            s, d = local_coordinates(lane, corners, bodies[i].x, bodies[i].y)
             within = -VEHICLE_LENGTH_M <= s < lane.length + VEHICLE_LENGTH_M
             if not within or abs(d) > lane.width / 2 + NEAR_M:
                 continue

@@ -1,4 +1,4 @@
-"""Right of way where roads meet: conflicts and roles of movements, and grants as kernels, for either engine.
+"""Right of way where roads meet: grants as kernels, for either engine.
 
 A movement is a road over a junction, from stop line to exit. Vehicles ask for theirs; the first to ask goes first, and
 a vehicle that would cross one that waits longer waits, too, so none starves. A vehicle with a grant keeps it until it
@@ -8,13 +8,14 @@ A vehicle bars a movement only until its tail is past the place where the two co
 behind the junction, or in line behind such a one, does not bar those at the head of their lines: queues around a block
 would wait for each other for ever. Nor does one with priority, in line behind one that gives way. A vehicle that stands
 at the head of a line turns elsewhere if the exit that it wanted is full.
+
+At a red or yellow light nobody is granted, and nobody who waits there bars others. A vehicle that can still brake loses
+its grant.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,17 +23,11 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
-from coopsim.world.places.layout import CLEARANCE_M
-from coopsim.world.places.road_network import CircularLane, Lane, Road, RoadNetwork
 from coopsim.world.traffic.fleet import CHAUFFEURED, PARKED, UNYIELDING, Vehicle
-from coopsim.world.traffic.lanes import (
-    LaneArrays,
-    NumberedNetwork,
-    lane_of_route,
-    local_coordinates,
-    plan_ahead,
-    start_of_route,
-)
+from coopsim.world.traffic.lane_geometry import local_coordinates
+from coopsim.world.traffic.lanes import LaneArrays
+from coopsim.world.traffic.movements import FIRST, YIELDS, Movements
+from coopsim.world.traffic.routes import lane_of_route, plan_ahead, start_of_route
 from coopsim.world.traffic.rules import STANDING_M_S
 
 REQUEST_M = 32.0
@@ -49,115 +44,16 @@ SLOW_M_S = 3.0
 QUEUE_GAP_M = 5.0
 """Gap between vehicles in a queue."""
 
-GENTLE_M = 60.0
-"""In bends of a larger radius long vehicles hardly swing out: they count as straight."""
-
 COMMIT_M = 10.0
 """A vehicle that must give way can still stop if it is farther than this from the line."""
 
-FIRST, USUAL, YIELDS = 1, 0, -1
-"""Roles of movements. FIRST waits only for vehicles that are on their way already. USUAL goes in the order of asking.
-YIELDS loses its grant to FIRST, up to `COMMIT_M`."""
-
-
-def roles(clear_m: Floats, has_priority: Sequence[bool]) -> Ints:
-    """Return the roles (K,) of movements, from their clearances (K, K) and which of them have priority."""
-    priority = np.array(has_priority, dtype=np.bool_)
-    yields = (np.isfinite(clear_m) & priority).any(axis=1)
-    return np.where(priority, FIRST, np.where(yields, YIELDS, USUAL)).astype(np.int64)
-
-
-def clearances(network: RoadNetwork, movements: Sequence[Road], clearance_m: float = CLEARANCE_M) -> Floats:
-    """Return (K, K) m: how far along movement b its last place near movement a is.
-
-    Infinite below zero where they do not come near, or start at the same line.
-    """
-    lanes = [network.get_lane((*road, 0)) for road in movements]
-    if not lanes:
-        return np.zeros((0, 0))
-    lines = [_middle_line(lane) for lane in lanes]
-    first = np.cumsum([0, *(len(line) for line in lines)])
-    nodes: dict[str, int] = {}
-    origin = np.array([nodes.setdefault(start, len(nodes)) for start, _ in movements])
-    gentle = np.array([not isinstance(lane, CircularLane) or lane.radius > GENTLE_M for lane in lanes])
-    near_m = np.where(gentle[:, None] & gentle, clearance_m, CLEARANCE_M)
-    last = _last_near(np.concatenate(lines), first, origin, near_m)
-    counts, length_m = np.diff(first), np.array([lane.length for lane in lanes])
-    clear_m: Floats = np.where(last >= 0, last / (counts - 1) * length_m, -np.inf)
-    return clear_m
-
-
-@njit(cache=True, nogil=True)
-def _last_near(points: Floats, first: Ints, origin: Ints, near_m: Floats) -> Ints:
-    """Return (K, K) the number of line b's last point that is near line a, -1: none, or both start at one node.
-
-    `points` (P, 2) m are those of all lines, `first` (K + 1,) the first one of each line, and P, `origin` (K,) the
-    nodes that lines start at, and `near_m` (K, K) the distances below which they are near.
-    """
-    count = len(origin)
-    last = np.full((count, count), -1)
-    low, high = np.empty((count, 2)), np.empty((count, 2))
-    for k in range(count):
-        for axis in range(2):
-            own = points[first[k] : first[k + 1], axis]
-            low[k, axis], high[k, axis] = own.min(), own.max()
-    for a in range(count):
-        for b in range(count):
-            reach = near_m[a, b]
-            apart = (low[a] - high[b] > reach).any() or (low[b] - high[a] > reach).any()
-            if not apart and origin[a] != origin[b]:
-                last[a, b] = _last_of(points[first[a] : first[a + 1]], points[first[b] : first[b + 1]], reach)
-    return last
-
-
-@njit(cache=True, nogil=True)
-def _last_of(line: Floats, other: Floats, near_m: float) -> int:
-    """Return the number of the last point of another line (M, 2) that is near one (N, 2), -1: none."""
-    for k in range(len(other) - 1, -1, -1):
-        for i in range(len(line)):
-            dx, dy = line[i, 0] - other[k, 0], line[i, 1] - other[k, 1]
-            if math.sqrt(dx * dx + dy * dy) < near_m:
-                return k
-    return -1
-
-
-def _middle_line(lane: Lane) -> Floats:
-    """Return points (K, 2) about half a metre apart."""
-    return lane.positions(np.linspace(0.0, lane.length, int(2 * lane.length) + 2), 0.0)
-
+_FARTHEST_REQUEST_M = 60.0
+_STOPPING_M_S2, _BEFORE_LINE_M = 4.0, 2.0  # braking for a light, and where the middle of a vehicle would then stand
 
 GRANTED = 0
 """Ticket of a vehicle that may go. A waiting one has a ticket > 0, in the order of asking; -1: does not ask."""
 
 _LOST = -2  # ticket of a vehicle that must give way, had a grant and asks again: it keeps its place
-
-
-class Movements(NamedTuple):
-    """The K movements of a place.
-
-    Attributes:
-        of_road: (R,) number of the movement that a road is, -1: none.
-        clear_m: (K, K) m, see `clearances`.
-        role: (K,) `FIRST`, `USUAL` or `YIELDS`.
-        exit: (K,) node that a movement leads to.
-    """
-
-    of_road: Ints
-    clear_m: Floats
-    role: Ints
-    exit: Ints
-
-
-def movements_of(
-    network: NumberedNetwork, roads: Sequence[Road], priority: Sequence[Road], clearance_m: float
-) -> Movements:
-    """Return the movements over some roads; others give way to those in `priority`. `clearance_m`: see `Layout`."""
-    numbers = [network.road_number[road] for road in roads]
-    of_road = np.full(len(network.road_number), -1, dtype=np.int64)
-    of_road[numbers] = np.arange(len(numbers))
-    clear_m = clearances(network.source, roads, clearance_m)
-    exits = network.arrays.roads["end"][numbers].astype(np.int64)
-    return Movements(of_road, clear_m, roles(clear_m, [road in priority for road in roads]), exits)
 
 
 @njit(cache=True, nogil=True)
@@ -176,13 +72,16 @@ def grant(network: LaneArrays, rows: NDArray[Any], routes: Ints, movements: Move
     before = [i for i in range(len(rows)) if rows[i].ticket == GRANTED]
     for i in waiting:
         first = role[rows[i].movement] == FIRST
+        if movements.closed[rows[i].movement]:
+            continue
+        has_way = first and not movements.clears[rows[i].movement]
         leads = _leads(rows, waiting, line_m, node, i)
         ahead = [k for k in before if not ((first and rows[k].ticket > GRANTED) or (leads and held[k]))]
         barred = _is_barred(rows, ahead, tail_m, clear_m[rows[i].movement])
         before.append(i)
         if role[rows[i].movement] == YIELDS:
             barred |= _must_give_way(network, rows, routes, movements, held, i)
-        if not barred and not held[i] and (first or _has_space(network, rows, routes, movements, i)):
+        if not barred and not held[i] and (has_way or _has_space(network, rows, routes, movements, i)):
             rows[i].ticket = GRANTED
         elif short[i] and leads and rows[i].speed < STANDING_M_S:
             _turn_elsewhere(network, rows[i], routes[i], movements.of_road)
@@ -211,6 +110,18 @@ def line_ahead(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: 
 
 
 @njit(cache=True, nogil=True)
+def request_m(vehicle: Vehicle, movements: Movements) -> float:
+    """Return the distance to a stop line from which on a vehicle asks, m."""
+    return max(REQUEST_M, min(vehicle.speed**2 / (2 * movements.braking_m_s2), _FARTHEST_REQUEST_M))
+
+
+@njit(cache=True, nogil=True)
+def can_stop(vehicle: Vehicle, line_m: float) -> bool:
+    """Return whether a vehicle can stop for a light that turns yellow, at a distance to its line (m)."""
+    return line_m > _BEFORE_LINE_M + vehicle.speed**2 / (2 * _STOPPING_M_S2)
+
+
+@njit(cache=True, nogil=True)
 def _ask(network: LaneArrays, vehicle: Vehicle, route: Ints, movements: Movements) -> tuple[float, int]:
     """Note what a vehicle asks for, and grant what needs no asking.
 
@@ -220,13 +131,15 @@ def _ask(network: LaneArrays, vehicle: Vehicle, route: Ints, movements: Movement
     if vehicle.driver == PARKED:
         return -np.inf, -1
     k, distance_m = line_ahead(network, vehicle, route, movements.of_road)
-    if k < 0 or distance_m >= REQUEST_M:
+    if k < 0 or distance_m >= request_m(vehicle, movements):
         vehicle.movement, vehicle.ticket = -1, -1
         return -np.inf, -1
     movement = movements.of_road[route[k, 0]]
     if movement != vehicle.movement:
         vehicle.movement, vehicle.ticket = movement, -1
     if movements.role[movement] == YIELDS and distance_m > COMMIT_M and vehicle.ticket == GRANTED:
+        vehicle.ticket = _LOST
+    if movements.closed[movement] and vehicle.ticket == GRANTED and can_stop(vehicle, distance_m):
         vehicle.ticket = _LOST
     # A vehicle on the junction is a fact, however it got there; others obey no rule.
     if distance_m <= 0 or vehicle.driver in (CHAUFFEURED, UNYIELDING):
@@ -322,7 +235,8 @@ def _must_give_way(
     network: LaneArrays, rows: NDArray[Any], routes: Ints, movements: Movements, held: NDArray[np.bool_], me: int
 ) -> bool:
     """Return whether a vehicle approaches a conflicting movement with priority, by any way, and is not past it yet."""
-    role, clear_m = movements.role, movements.clear_m[rows[me].movement]
+    mine, role = rows[me].movement, movements.role
+    yields, clear_m = movements.yields[mine], movements.clear_m[mine]
     for other in range(len(rows)):
         vehicle, route = rows[other], routes[other]
         if vehicle.driver == PARKED or held[other] or (vehicle.ticket > GRANTED and role[vehicle.movement] != FIRST):
@@ -330,7 +244,7 @@ def _must_give_way(
         distance_m = start_of_route(network, vehicle, route)
         for k in range(vehicle.route_length):
             movement = movements.of_road[route[k, 0]]
-            first = movement >= 0 and distance_m < REQUEST_M and role[movement] == FIRST
+            first = movement >= 0 and yields[movement] and distance_m < request_m(vehicle, movements)
             if first and -distance_m - vehicle.length / 2 < clear_m[movement]:
                 return True
             distance_m += network.lanes[lane_of_route(network, vehicle, route, k)].length
@@ -347,7 +261,7 @@ def _has_space(network: LaneArrays, rows: NDArray[Any], routes: Ints, movements:
     node = network.roads[routes[me, k + 1, 0]].start
     along_m, free_m = np.full(len(rows), np.inf), np.inf
     for other in range(len(rows)):
-        along, aside = local_coordinates(lane, rows[other].x, rows[other].y)
+        along, aside = local_coordinates(lane, network.corners, rows[other].x, rows[other].y)
         if other != me and -2.0 < along < lane.length and abs(aside) < EXIT_HALF_WIDTH_M:
             along_m[other] = along
             if rows[other].speed <= SLOW_M_S:

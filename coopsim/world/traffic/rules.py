@@ -44,7 +44,9 @@ is enough."""
 STANDING_M_S = 0.5
 """Slower vehicles count as standing."""
 
-_EASY_BRAKING_M_S2 = 2.0  # before bends
+EASY_BRAKING_M_S2 = 2.0
+"""Braking before bends."""
+
 _STEP_OUT_S = 2.0  # people who will be in the lane by then count as in it
 
 
@@ -89,7 +91,7 @@ def interaction(gap_m: float, distance_m: float) -> float:
 @njit(cache=True, nogil=True)
 def approach_speed(limit_m_s: float, distance_m: float) -> float:
     """Return the speed from which easy braking reaches a lane's limit at its start, m/s."""
-    return math.sqrt(limit_m_s**2 + 2 * _EASY_BRAKING_M_S2 * max(distance_m, 0.0))
+    return math.sqrt(limit_m_s**2 + 2 * EASY_BRAKING_M_S2 * max(distance_m, 0.0))
 
 
 @njit(cache=True, nogil=True)

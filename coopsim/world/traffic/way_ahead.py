@@ -12,23 +12,18 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.types.driving import GIVES_WAY, HAS_PRIORITY, NOBODY_FIRST, Route
+from coopsim.world.places.polyline import LATERAL_M_S2
 from coopsim.world.traffic.fleet import Vehicle
-from coopsim.world.traffic.lanes import (
-    CIRCULAR,
-    LaneArrays,
-    heading_at,
-    lane_of_route,
-    local_coordinates,
-    plan_ahead,
-    position_at,
-)
-from coopsim.world.traffic.right_of_way import FIRST, YIELDS, Movements
+from coopsim.world.traffic.lane_geometry import heading_at, local_coordinates, position_at, radius_at
+from coopsim.world.traffic.lanes import LaneArrays
+from coopsim.world.traffic.movements import FIRST, YIELDS, Movements
+from coopsim.world.traffic.right_of_way import can_stop
+from coopsim.world.traffic.routes import lane_of_route, plan_ahead, start_of_route
 
 SPACING_M, REACH_M = 1.0, 100.0
 """Distance between the points of a route, and how far it reaches."""
 
-LATERAL_M_S2 = 2.0
-"""Largest lateral acceleration that passengers find comfortable in a bend."""
+_BEFORE_LINE_M = 1.0  # left by a front bumper
 
 
 def way_ahead(network: LaneArrays, movements: Movements, rows: NDArray[Any], me: int, route: Ints) -> Route:
@@ -65,8 +60,9 @@ def _points_ahead(
     """
     vehicle: Vehicle = rows[me]
     plan_ahead(network, vehicle, route)
+    stop_m = _red_light(network, movements, vehicle, route)
     number, place = vehicle.target_lane, 0
-    along, _ = local_coordinates(network.lanes[number], vehicle.x, vehicle.y)
+    along, _ = local_coordinates(network.lanes[number], network.corners, vehicle.x, vehicle.y)
     points, limit, rights = np.empty((count, 2)), np.empty(count), np.empty(count, dtype=np.int64)
     for k in range(count):
         while along > network.lanes[number].length and place + 1 < vehicle.route_length:
@@ -75,17 +71,30 @@ def _points_ahead(
             number = lane_of_route(network, vehicle, route, place)
         lane = network.lanes[number]
         known = min(along, lane.length)
-        x, y = position_at(lane, known)
-        heading = heading_at(lane, known)
+        x, y = position_at(lane, network.corners, known)
+        heading = heading_at(lane, network.corners, known)
         points[k, 0] = x + (along - known) * math.cos(heading) - vehicle.x
         points[k, 1] = y + (along - known) * math.sin(heading) - vehicle.y
-        limit[k], rights[k] = lane.speed_limit, NOBODY_FIRST
-        if lane.kind == CIRCULAR:
-            limit[k] = min(lane.speed_limit, math.sqrt(LATERAL_M_S2 * lane.radius))
+        radius_m, rights[k] = radius_at(lane, network.corners, known), NOBODY_FIRST
+        limit[k] = min(lane.speed_limit, math.sqrt(LATERAL_M_S2 * radius_m))
         movement = movements.of_road[lane.road]
         if movement >= 0 and movements.role[movement] == FIRST:
             rights[k] = HAS_PRIORITY
         elif movement >= 0 and movements.role[movement] == YIELDS:
             rights[k] = GIVES_WAY
+        if k * spacing_m >= stop_m:
+            limit[k], rights[k] = 0.0, GIVES_WAY
         along += spacing_m
     return points, limit, rights, vehicle.heading
+
+
+@njit(cache=True, nogil=True)
+def _red_light(network: LaneArrays, movements: Movements, vehicle: Vehicle, route: Ints) -> float:
+    """Return the distance to where a vehicle must stop for a red or yellow light, m; infinite if for none."""
+    distance_m = start_of_route(network, vehicle, route)
+    for k in range(vehicle.route_length):
+        movement = movements.of_road[route[k, 0]]
+        if movement >= 0 and movements.closed[movement] and can_stop(vehicle, distance_m):
+            return max(distance_m - vehicle.length / 2 - _BEFORE_LINE_M, 0.0)
+        distance_m += network.lanes[lane_of_route(network, vehicle, route, k)].length
+    return np.inf

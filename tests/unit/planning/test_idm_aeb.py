@@ -199,6 +199,11 @@ def test_wrong_settings_are_refused(setting: str) -> None:
         make_planner(f"idm_aeb({setting})")
 
 
+def test_it_stands_before_a_red_light() -> None:
+    out = drive([], speed=10.0, seconds=60, bend=lambda along: -1e-9 if along >= 60 else 13.9)  # any limit of 0 or less
+    assert 58 < out.along[-1] < 61 and out.speed[-1] == 0 and min(out.acceleration) > -3.5
+
+
 def test_who_turns_is_predicted_on_its_circle() -> None:
     """Its places are on a circle with the radius v / w, and it heads along it; who does not turn goes on straight."""
     speed, rate, times = 8.0, np.array([0.5, -0.5, 0.0]), np.array([0.0, 0.7, 2.0])

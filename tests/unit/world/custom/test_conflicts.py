@@ -7,11 +7,11 @@ import pytest
 import shapely
 from lattice_town import lattice_town
 
+from coopsim.world.custom.conflicts import conflicting_roads, middle_line
 from coopsim.world.custom.place import place_from
-from coopsim.world.custom.roads import conflicting_roads, middle_line
 from coopsim.world.places.layout import CLEARANCE_M, Layout
 from coopsim.world.places.road_network import StraightLane
-from coopsim.world.traffic.right_of_way import clearances
+from coopsim.world.traffic.movements import clearances
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from coopsim.envs.simulated.scenario_file import SHIPPED, load_scenario_file
 from coopsim.errors import RecordingError, ScenarioFileError
 from coopsim.sensors.scene import is_closed
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.custom.roads import conflicting_roads
+from coopsim.world.custom.conflicts import conflicting_roads
 from coopsim.world.places.description import MapBay, MapStart, MapUnit, MapWays
 from coopsim.world.places.layout import Layout
 from coopsim.world.scenario import SCENARIOS, Place, make_scenario

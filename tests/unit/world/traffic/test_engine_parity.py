@@ -18,7 +18,7 @@ from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.types.messages import MANEUVERS
 from coopsim.world.places.road_network import RoadNetwork
 from coopsim.world.scenario import make_scenario
-from coopsim.world.traffic import drivers, lanes, motion, rules
+from coopsim.world.traffic import drivers, lane_geometry, motion, rules
 from coopsim.world.traffic.array_engine import ArrayEngine
 from coopsim.world.traffic.fleet import BODY, PARKED, bodies_of
 from coopsim.world.traffic.lanes import NumberedNetwork
@@ -147,7 +147,7 @@ places = st.tuples(_numbers(-150, 250), _numbers(-150, 150), _numbers(-7, 7))
 def test_lane_geometry_is_highway_envs(place: str, where: tuple[float, float, float]) -> None:
     network, theirs = NETWORKS[place], THEIRS[place]
     x, y, heading = where
-    spot = np.array([x, y])
+    spot, corners = np.array([x, y]), network.arrays.corners
     for row, index in zip(network.arrays.lanes, network.lane_index, strict=True):
         lane, ours = theirs.get_lane(index), network.source.get_lane(index)
         along, aside = lane.local_coordinates(spot)
@@ -158,15 +158,18 @@ def test_lane_geometry_is_highway_envs(place: str, where: tuple[float, float, fl
         np.testing.assert_allclose(ours.position(along, aside), lane.position(along, aside), rtol=1e-12, atol=1e-12)
         assert ours.heading_at(along) == pytest.approx(lane.heading_at(along), rel=1e-12)
         assert ours.contains(spot) == lane.on_lane(spot)
-        np.testing.assert_allclose(lanes.local_coordinates(row, x, y), (along, aside), atol=1e-9)
-        np.testing.assert_allclose(lanes.position_at(row, along), lane.position(along, 0), atol=1e-9)
-        assert lanes.heading_at(row, along) == pytest.approx(lane.heading_at(along), abs=1e-12)
+        np.testing.assert_allclose(lane_geometry.local_coordinates(row, corners, x, y), (along, aside), atol=1e-9)
+        np.testing.assert_allclose(lane_geometry.position_at(row, corners, along), lane.position(along, 0), atol=1e-9)
+        assert lane_geometry.heading_at(row, corners, along) == pytest.approx(lane.heading_at(along), abs=1e-12)
         distance = lane.distance(spot)
-        assert lanes.distance_to(row, x, y) == pytest.approx(distance, abs=1e-9)
-        assert lanes.distance_to_box(row, x, y) <= distance + 1e-9
+        assert lane_geometry.distance_to(row, corners, x, y) == pytest.approx(distance, abs=1e-9)
+        assert lane_geometry.distance_to_box(row, x, y) <= distance + 1e-9
     closest = theirs.get_closest_lane_index(spot, heading)
     for guess in (0, len(network.lane_index) - 1):
-        assert network.lane_index[lanes.closest_lane(network.arrays.lanes, x, y, heading, guess)] == closest
+        assert (
+            network.lane_index[lane_geometry.closest_lane(network.arrays.lanes, corners, x, y, heading, guess)]
+            == closest
+        )
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -174,7 +177,7 @@ def test_neighbours_are_highway_envs(place: str) -> None:
     road = make_road(place, 5, count=40)
     network = numbered(road.network)
     fleet = fleet_of(road, network)
-    lists = list_along_lanes(network.arrays.lanes, bodies_of(fleet.rows, NOBODY))
+    lists = list_along_lanes(network.arrays, bodies_of(fleet.rows, NOBODY))
     found = 0
     for me, vehicle in enumerate(road.vehicles):
         for number, index in enumerate(network.lane_index):
@@ -192,7 +195,7 @@ def test_of_two_who_are_as_far_along_highway_envs_choice_is_taken() -> None:
     for x, y in ((50.0, 0.0), (80.0, 1.0), (80.0, -1.0), (20.0, 1.0), (20.0, -1.0)):
         road.vehicles.append(IDMVehicle(road, (x, y), speed=10.0))
     network = numbered(road.network)
-    lists = list_along_lanes(network.arrays.lanes, bodies_of(fleet_of(road, network).rows, NOBODY))
+    lists = list_along_lanes(network.arrays, bodies_of(fleet_of(road, network).rows, NOBODY))
     front, rear = (road.vehicles.index(other) for other in road.neighbour_vehicles(road.vehicles[0]))
     assert in_front(lists, network.arrays.lanes, 0, 0, 50.0) == front
     assert behind(lists, network.arrays.lanes, 0, 0, 50.0) == rear
@@ -201,7 +204,9 @@ def test_of_two_who_are_as_far_along_highway_envs_choice_is_taken() -> None:
 def test_a_lane_of_another_kind_is_refused_with_the_accepted_ones() -> None:
     network = RoadNetwork()
     network.add_lane("a", "b", PolyLaneFixedWidth([(0, 0), (10, 0), (20, 5)]))
-    with pytest.raises(InvalidValueError, match=r"StraightLane or CircularLane, got PolyLaneFixedWidth at .*'a', 'b'"):
+    with pytest.raises(
+        InvalidValueError, match=r"StraightLane, CircularLane, PolylineLane, got PolyLaneFixedWidth at .*'a', 'b'"
+    ):
         ArrayEngine(NumberedNetwork(network))
 
 
