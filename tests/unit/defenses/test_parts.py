@@ -1,4 +1,4 @@
-"""Parts of defences by hand-made cases: patches of maps, adjusted p-values, and ways of senders within the last second."""
+"""Parts of defences by hand-made cases: patches of maps, adjusted p-values, ways of senders in a second."""
 
 from collections import deque
 from types import SimpleNamespace
