@@ -11,12 +11,12 @@ from PIL import Image, ImageDraw
 from coopsim.data.maps.street_map import DRIVEN, StreetMap
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
+from coopsim.viz.palette import RGB
 from coopsim.viz.portrait import require_picture
 
 _SIDE_PX, _SMOOTHING, _MARGIN = 1600, 2, 0.03
-_Color = tuple[int, int, int]
-_GROUND: _Color = (238, 240, 234)
-_LANES: dict[str, _Color] = {
+_GROUND: RGB = (238, 240, 234)
+_LANES: dict[str, RGB] = {
     "other": (214, 217, 205),
     "shoulder": (176, 178, 180),
     "walk": (205, 190, 168),
@@ -28,14 +28,14 @@ _LANES: dict[str, _Color] = {
     "drive": (96, 98, 104),
 }
 """Colours by kind; later kinds are drawn over earlier ones."""
-_WAY: _Color = (112, 115, 122)
-_MIDDLE: _Color = (250, 208, 92)
-_CROSSING: _Color = (250, 250, 250)
-_AREAS: dict[str, _Color] = {"walk": (214, 200, 180), "park": (165, 174, 196)}
-_SOLIDS: dict[str, _Color] = {
+_WAY: RGB = (112, 115, 122)
+_MIDDLE: RGB = (250, 208, 92)
+_CROSSING: RGB = (250, 250, 250)
+_AREAS: dict[str, RGB] = {"walk": (214, 200, 180), "park": (165, 174, 196)}
+_SOLIDS: dict[str, RGB] = {
     "building": (168, 108, 92), "wall": (90, 70, 60), "tree": (110, 150, 90), "pole": (60, 60, 60),
 }  # fmt: skip
-_SIGNALS: dict[str, _Color] = {
+_SIGNALS: dict[str, RGB] = {
     "light": (40, 160, 70), "stop": (200, 40, 40), "yield": (230, 120, 30), "sign": (60, 90, 190),
 }  # fmt: skip
 _SIGNAL_PX = 3
@@ -98,7 +98,7 @@ def _extent(streets: StreetMap) -> tuple[Floats, Floats]:
     return low - margin, high + margin
 
 
-def _surfaces(streets: StreetMap) -> Iterator[tuple[Floats, _Color]]:
+def _surfaces(streets: StreetMap) -> Iterator[tuple[Floats, RGB]]:
     """Yield outlines with their colours, from the lowest to the topmost."""
     yield from ((area.outline, _AREAS[area.kind]) for area in streets.areas)
     for kind, color in _LANES.items():

@@ -10,10 +10,9 @@ from torch import Tensor
 from torch.nn import functional
 
 from coopsim.geometry.iou import iou_bev
-from coopsim.geometry.se3 import Floats
 from coopsim.learn.losses.street_losses import motion_loss
 from coopsim.learn.samples.targets import Targets
-from coopsim.nn.detector.box_judge import patches_of
+from coopsim.nn.detector.box_judge import over_ground, patches_of
 from coopsim.nn.detector.decode import GROUP_OF_LABEL, cell_centers, find_peaks
 from coopsim.nn.detector.detector_net import CentreHead, JudgedHead, at_cells, decode_boxes
 from coopsim.types import BevGrid
@@ -115,7 +114,7 @@ def _truth(
     group, true_group = (GROUP_OF_LABEL[each.numpy(force=True)] for each in (label, true_label))
     owner, true_owner = number.numpy(force=True), torch.div(cell, size, rounding_mode="floor").numpy(force=True)
     fit, ahead = np.zeros(len(found), np.float32), np.zeros(len(found), np.float32)
-    of, velocity = np.full(len(found), -1), true_velocity.double().numpy(force=True)
+    of = np.full(len(found), -1)
     for k in np.unique(owner):
         rows, others = np.flatnonzero(owner == k), np.flatnonzero(true_owner == k)
         if not len(others):
@@ -129,14 +128,8 @@ def _truth(
         of[rows] = np.where(iou >= _SAME_IOU, others[best], -1)
     known = of >= 0
     motion, moves = np.zeros((len(found), 2), np.float32), np.zeros(len(found), np.float32)
-    motion[known] = seen_from(velocity[of[known]], found[known, 6])
+    velocity, yaw = true_velocity.double().cpu()[of[known]], torch.from_numpy(found[known, 6])
+    motion[known] = over_ground(velocity, -yaw).numpy()  # from the ground's axes to the box's
     moves[known] = targets.moves[centres].numpy(force=True)[of[known]]
     ahead_, fit_, motion_, moves_ = (torch.from_numpy(each).to(boxes.device) for each in (ahead, fit, motion, moves))
     return ahead_, fit_, motion_, moves_
-
-
-def seen_from(velocity: Floats, yaw: Floats) -> Floats:
-    """Return velocities (N, 2) along and left of boxes that head to `yaw` (N,)."""
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    x, y = velocity.T
-    return np.stack([cos * x + sin * y, cos * y - sin * x], axis=1)

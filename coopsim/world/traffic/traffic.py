@@ -141,12 +141,16 @@ class Traffic:
             self._spawner.spawn(self.fleet, k, driver, layout.slots[slot], label, speed)
         if usual_driver == TOWN:  # on highways lanes are chosen by the vehicles in them
             slow_down_behind_others(self.fleet, len(slots))
-        for name in ("stays", "ends"):
-            self.fleet.rows[name][list(self.connected)] = layout.cut
+        self._keep_in_cut()
         if layout.convoy_gap_s is not None:
             self.fleet.rows["time_wanted"][company] = layout.convoy_gap_s
         self._spawner.park(self.fleet, len(slots), population.parked)
         self._company = np.array([k for k in company if _goes_east(layout.slots[slots[k]].lane)], dtype=np.int64)
+
+    def _keep_in_cut(self) -> None:
+        """Let connected cars stay in a place that is cut out of a map, and stop where a lane ends."""
+        for name in ("stays", "ends"):
+            self.fleet.rows[name][list(self.connected)] = self._layout.cut
 
     def _commanded(self, driven: Sequence[int] | None) -> tuple[int, ...]:
         """Return the rows of the connected cars with these numbers; None: of all."""
@@ -164,8 +168,7 @@ class Traffic:
         for k, role in enumerate(roles):
             scripted = _SCRIPTED.get(role.manner, usual_driver)
             self._spawner.cast(self.fleet, k, driver if driver is not None and k in commanded else scripted, role)
-        for name in ("stays", "ends"):
-            self.fleet.rows[name][list(self.connected)] = self._layout.cut
+        self._keep_in_cut()
         self._spawner.park(self.fleet, len(roles), parked)
         self._cut_out = CutOut(roles, self._network)
 

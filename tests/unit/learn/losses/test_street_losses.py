@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from coopsim.learn.losses.head_losses import head_loss, sum_of
-from coopsim.learn.losses.judge_losses import found_boxes, seen_from
+from coopsim.learn.losses.judge_losses import found_boxes
 from coopsim.learn.losses.street_losses import motion_loss
 from coopsim.learn.samples.targets import make_targets
 from coopsim.nn.detector.box_judge import over_ground
@@ -22,8 +22,12 @@ GRID = BevGrid((-24.0, 24.0), (-24.0, 24.0), 1.2)
 
 def test_motions_are_seen_from_a_box_and_from_its_other_end() -> None:
     velocity, yaw = np.array([[3.0, 4.0], [0.0, -2.0]]), np.array([0.3, -2.0])
-    motion = seen_from(velocity, yaw)
-    np.testing.assert_allclose(seen_from(velocity, yaw + np.pi), -motion)
+
+    def seen_from(yaw: np.ndarray) -> np.ndarray:
+        return over_ground(torch.from_numpy(velocity), -torch.from_numpy(yaw)).numpy()
+
+    motion = seen_from(yaw)
+    np.testing.assert_allclose(seen_from(yaw + np.pi), -motion)
     ahead = np.column_stack([np.cos(yaw), np.sin(yaw)])
     np.testing.assert_allclose(motion[:, 0], (velocity * ahead).sum(axis=1))
     np.testing.assert_allclose(over_ground(torch.from_numpy(motion), torch.from_numpy(yaw)), velocity)
