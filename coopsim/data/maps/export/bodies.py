@@ -38,10 +38,11 @@ class Body:
 def bodies_of(description: PlaceDescription) -> Iterator[Body]:
     """Yield the objects of a town."""
     walks = description.walks
-    for names in walks.crosswalks if walks is not None else ():
-        ends = np.array([walks.nodes[name] for name in names])
-        length_m = float(exact.norm(ends[1] - ends[0]))
-        yield Body("crosswalk", _rectangle(ends.mean(axis=0), ends[1] - ends[0], length_m - 2 * _TO_KERB_M, _CROSSWALK_M), 0.0)
+    for places in () if walks is None else [[walks.nodes[name] for name in names] for names in walks.crosswalks]:
+        ends = np.array(places)
+        along = ends[1] - ends[0]
+        size_m = float(exact.norm(along)) - 2 * _TO_KERB_M, _CROSSWALK_M
+        yield Body("crosswalk", _rectangle(ends.mean(axis=0), along, *size_m), 0.0)
     for bay in description.parked:
         yield Body("parkingSpace", _rectangle(bay.at, _ahead(bay.heading_deg), *_BAY_M), 0.0)
     for building in description.buildings:
@@ -66,6 +67,7 @@ def _furniture(piece: MapFurniture, kind: Kind) -> Body:
     if name == "tree":
         crown_m = usual["crown_m"].usual if piece.crown_m is None else piece.crown_m
         return Body(name, np.array([piece.at]), height_m, more={"radius": crown_m / 2})
+    assert piece.at is not None, "it stands at a point"
     return Body(name, _rectangle(piece.at, _ahead(piece.heading_deg or 0.0), *kind.ground_m), height_m)
 
 
@@ -78,4 +80,5 @@ def _rectangle(middle: ArrayLike, ahead: Floats, length_m: float, width_m: float
     """Return corners (4, 2) m, counter-clockwise."""
     along = ahead / float(exact.norm(ahead)) * length_m / 2
     aside = np.array([-along[1], along[0]]) * width_m / length_m
-    return np.asarray(middle) + np.array([-along - aside, along - aside, along + aside, aside - along])
+    corners = np.array([-along - aside, along - aside, along + aside, aside - along])
+    return np.asarray(np.asarray(middle) + corners)

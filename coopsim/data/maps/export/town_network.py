@@ -16,10 +16,11 @@ from coopsim.world.custom.conflicts import lines_cross, middle_line
 from coopsim.world.drawn_options import TownOptions
 from coopsim.world.places.description import PlaceDescription
 from coopsim.world.places.road_network import Lane, Road, RoadNetwork
-from coopsim.world.towns.plan import Junction, Plan, Stretch, Street, StreetEnd
+from coopsim.world.towns.plan import Junction, Plan, Street, StreetEnd, Stretch
 from coopsim.world.towns.planning import draw_plan
 from coopsim.world.towns.roads import TownRoads, lay_roads
 from coopsim.world.towns.town import draw_place
+
 
 @dataclass(frozen=True, slots=True)
 class LaneEnd:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,8 +15,11 @@ from coopsim.world.towns.plan import LANE_M, Street
 PAVEMENT_M = 4.1
 """Width of a pavement: people walk 2.6 m from the kerb, on 3 m."""
 
-_ANY_M = 1e-6  # wider lanes are there
+ANY_M = 1e-6
+"""Lanes that are wider are there."""
+
 _CLOSE_M = 0.5  # sections are not shorter, except those between stations
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Section:
@@ -40,19 +44,15 @@ def sections_of(street: Street, strips: Strips) -> list[Section]:
     knots = _knots(street, strips)
     sides = {forwards: _widths(street, knots, strips[street.number, forwards]) for forwards in (True, False)}
     return [
-        Section(
-            *(float(knots[at] - knots[0]) for at in (k, k + 1)),
-            {
-                forwards: {
-                    name: (float(width[k]), float(width[k + 1]))
-                    for name, width in side.items()
-                    if max(width[k], width[k + 1]) > _ANY_M
-                }
-                for forwards, side in sides.items()
-            },
-        )
-        for k in range(len(knots) - 1)
+        Section(float(begin - knots[0]), float(end - knots[0]), {way: _there(side, k) for way, side in sides.items()})
+        for k, (begin, end) in enumerate(pairwise(knots))
     ]
+
+
+def _there(widths: Mapping[str, Floats], k: int) -> dict[str, tuple[float, float]]:
+    """Return the lanes that have a width between the places k and k + 1."""
+    ends = {name: (float(width[k]), float(width[k + 1])) for name, width in widths.items()}
+    return {name: pair for name, pair in ends.items() if max(pair) > ANY_M}
 
 
 def one_lane(length_m: float, width_m: float, *, kerbed: bool) -> Section:

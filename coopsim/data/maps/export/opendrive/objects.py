@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -12,8 +12,7 @@ from coopsim.data.maps.export.xml_parts import Element, put
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.world.places.description import PlaceDescription
-
-_STEP_M = 0.5
+from coopsim.world.towns.plan import Stretch
 
 
 def put_objects(
@@ -39,34 +38,51 @@ def put_objects(
 
 
 class _Places:
-    """Places on the reference lines of roads, at short distances: x, y, cos and sin of the heading, s, road."""
+    """Reference lines of roads, as stretches: road, s and geometry of each."""
 
     def __init__(self, roads: Sequence[RoadElement], streets: int) -> None:
-        rows = []
-        for road in roads:
-            s = 0.0
-            for each in road.line:
-                along = np.linspace(0.0, each.length_m, int(each.length_m / _STEP_M) + 2)
-                heading, number = each.heading(along), np.full(len(along), road.id)
-                middle = each.position(along, np.zeros(len(along)))
-                rows.append(np.column_stack([middle, exact.cos(heading), exact.sin(heading), s + along, number]))
-                s += each.length_m
-        self.rows, self.lengths = np.concatenate(rows), np.array([road.length_m for road in roads])
-        self.on_streets = self.rows[:, 5] < streets
+        self.lines = [(road.id, s, each) for road in roads for s, each in _with_s(road)]
+        self.road, self.s = (np.array([line[k] for line in self.lines], dtype=np.float64) for k in (0, 1))
+        self.on_streets = self.road < streets
+        stretches = [each for *_, each in self.lines]
+        self.start = np.array([each.start for each in stretches])
+        self.heading, self.length, self.curvature = (
+            np.array([getattr(each, name) for each in stretches])
+            for name in ("heading_rad", "length_m", "curvature_1_m")
+        )
 
     def on_road(self, line: Floats) -> tuple[int, float, float, Floats]:
         """Return road, s, t and points (K, 2) m in the frame there, for an object on a line (K, 2) m.
 
-        Outlines stand on the next street. A single point is on the next road that has it at its side.
+        A single point is on the next road that has it at its side. Outlines stand on the next street, at its end if
+        they are beyond that.
         """
-        offset, ahead = line.mean(axis=0) - self.rows[:, :2], self.rows[:, 2:4]
-        away, s = exact.norm(offset, axis=1), self.rows[:, 4]
-        along = (offset * ahead).sum(axis=1)
-        beside = (np.abs(along) < _STEP_M) & (s + along >= 0.0) & (s + along <= self.lengths[self.rows[:, 5].astype(int)])
-        k = int(np.where(self.on_streets if len(line) > 1 else beside, away, np.inf).argmin())
-        (x, y), row = ahead[k], self.rows[k]
-        local = (line - row[:2]) @ np.array([[x, -y], [y, x]])
-        u, t = local.mean(axis=0).tolist()
-        if len(line) == 1:  # the road may bend between the place and the foot
-            return int(row[5]), float(row[4]) + u, t, local
-        return int(row[5]), float(row[4]), t, local - [0.0, t]
+        along, t = self._feet(line.mean(axis=0))
+        inside = np.clip(along, 0.0, self.length)
+        away = np.where(inside == along, np.abs(t), np.inf if len(line) == 1 else np.abs(t) + np.abs(along - inside))
+        k = int(np.where(self.on_streets | (len(line) == 1), away, np.inf).argmin())
+        stretch, at = self.lines[k][2], inside[k : k + 1]
+        heading, origin = float(stretch.heading(at)[0]), stretch.position(at, t[k : k + 1])[0]
+        x, y = float(exact.cos(heading)), float(exact.sin(heading))
+        return int(self.road[k]), float(self.s[k] + at[0]), float(t[k]), (line - origin) @ np.array([[x, -y], [y, x]])
+
+    def _feet(self, point: Floats) -> tuple[Floats, Floats]:
+        """Return how far along all stretches (N,) a point's foot is, and how far to the left of it the point (N,) m."""
+        cos, sin = exact.cos(self.heading), exact.sin(self.heading)
+        x, y = (point - self.start).T
+        ahead, aside = cos * x + sin * y, cos * y - sin * x
+        bent = self.curvature != 0.0
+        radius = 1.0 / np.where(bent, self.curvature, 1.0)
+        side = np.sign(radius)
+        turned = exact.arctan2(ahead, side * (radius - aside)) % (2 * np.pi)  # about the middle of the arc
+        return np.where(bent, np.abs(radius) * turned, ahead), np.where(
+            bent, radius - side * exact.hypot(ahead, radius - aside), aside
+        )
+
+
+def _with_s(road: RoadElement) -> Iterator[tuple[float, Stretch]]:
+    """Yield the stretches of a road, and where they begin."""
+    s = 0.0
+    for each in road.line:
+        yield s, each
+        s += each.length_m

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from coopsim.data.maps.export.opendrive.cross_sections import Section
+from coopsim.data.maps.export.opendrive.cross_sections import ANY_M, Section
 from coopsim.data.maps.export.xml_parts import Element, put
 from coopsim.world.towns.plan import Stretch
 
@@ -140,10 +140,12 @@ def _put_lane_link(
 ) -> None:
     """Link a lane to those before and behind it, where it has a width."""
     link = put(lane, "link")
-    ends = zip(("predecessor", "successor"), beside, (road.before, road.behind), section.widths[forwards][name])
+    ends = zip(
+        ("predecessor", "successor"), beside, (road.before, road.behind), section.widths[forwards][name], strict=True
+    )
     for tag, other, outside, width_m in ends:
         number = outside.lanes.get(name, 0) if other is None else lane_number(other, forwards, name, right_ahead)
-        if number and width_m > 1e-6:
+        if number and width_m > ANY_M:
             put(link, tag, id=number)
 
 

@@ -1,4 +1,4 @@
-"""Lights with their controllers, and signs that say who gives way: on the ways for which they hold, at the stop line."""
+"""Lights with their controllers, and signs that say who gives way: on the ways for which they hold."""
 
 from __future__ import annotations
 

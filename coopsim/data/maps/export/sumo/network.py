@@ -205,7 +205,7 @@ class _Plain:
         }
         crossed = " ".join(edges.edge(run % len(edges.runs), forwards) for forwards in (True, False))
         more = {"width": WALK_M, "priority": True, "linkIndex": links.get(names)}
-        put(self.roots["connection"], "crossing", {"node": node, "edges": crossed} | more)
+        put(self.roots["connection"], "crossing", more, node=node, edges=crossed)
 
     def _put_programs(self) -> None:
         """Add the programs of lights, before what says where they hold."""

@@ -86,7 +86,7 @@ class StreetEdges:
         The numbers differ where a lane splits off or joins.
         """
         along = self._along(begin[0], end[0])
-        number = np.interp(along, *zip(*sorted([begin, end]), strict=True))
+        number = np.linspace(begin[1], end[1], len(along))
         return self._world(along, self._inner_m(along) + number * LANE_M, forwards)
 
     def walk(self, forwards: bool, begin_m: float, end_m: float) -> Floats:
