@@ -66,14 +66,14 @@ def lane_points(town: TownNetwork, *, tapers: bool = False) -> Floats:
     )
 
 
-def ways_by_place(town: TownNetwork, streets: StreetMap) -> dict[tuple[str, str], StreetWay]:
+def ways_by_place(town: TownNetwork, streets: StreetMap, within_m: float = NEAR_M) -> dict[tuple[str, str], StreetWay]:
     """Return what was read of each way: the one with the same ends."""
     ends = {name: np.concatenate([way.line[0, :2], way.line[-1, :2]]) for name, way in streets.ways.items()}
     found = {}
     for way in town.ways:
         own = np.concatenate([way.line[0], way.line[-1]])
         name = min(ends, key=lambda name: float(np.abs(ends[name] - own).max()))
-        assert np.abs(ends[name] - own).max() < NEAR_M
+        assert np.abs(ends[name] - own).max() < within_m
         found[way.road] = streets.ways[name]
     return found
 

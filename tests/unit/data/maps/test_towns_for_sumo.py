@@ -99,7 +99,7 @@ def test_networks_come_back(seed: str, tmp_path: Path) -> None:
     drive = [lane.line for lane in streets.lanes.values() if lane.kind == "drive"]
     drive += [way.line for way in streets.ways.values()]
     assert away_m(lane_points(town, tapers=True), drive).max() < 0.02
-    found = ways_by_place(town, streets)
+    found = ways_by_place(town, streets, 0.3)  # netconvert shortens some at waiting places
     for way in town.ways:
         assert away_m(way.line, [found[way.road].line]).max() < 0.02
     yields = {pair for each in streets.junctions.values() for pair in each.yields or ()}
