@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 from coopsim.data.maps.notes import Notes
 from coopsim.data.maps.opendrive.lanes import Key, Piece
 from coopsim.data.maps.opendrive.links import Links
 from coopsim.data.maps.opendrive.roads import Road
 from coopsim.data.maps.street_map import Pairs, StreetWay
-from coopsim.data.maps.turns import joined, turn_of
+from coopsim.data.maps.turns import chains_from, joined, turn_of
 
-_LONGEST, _MOST, _MOST_STEPS = 32, 256, 4096
-"""Most lanes in a row within junctions, most ways from one lane, and most steps to find them."""
+_MOST = 256
+"""Most ways from one lane."""
 
 
 def find_ways(
@@ -29,7 +29,7 @@ def find_ways(
     ways, chains, used = dict[str, StreetWay](), dict[str, tuple[Key, ...]](), set[Key]()
     inside = {key for key in links.pieces if roads[key[0]].junction is not None}
     for start in [key for key in links.pieces if key not in inside]:
-        for number, chain in enumerate(_chains(start, links, inside)):
+        for number, chain in enumerate(chains_from(start, links.after, inside)):
             if number >= _MOST:
                 notes.repair(f"ways beyond {_MOST} from one lane are left out", links.pieces[start].name)
                 break
@@ -38,22 +38,6 @@ def find_ways(
             used.update(chain[1:-1])
     notes.left_out["lanes in junctions that lead from no lane to another"] += len(inside - used)
     return ways, chains
-
-
-def _chains(start: Key, links: Links, inside: set[Key]) -> Iterator[tuple[Key, ...]]:
-    """Yield chains from a lane through lanes within junctions to a lane outside."""
-    open_chains: list[tuple[Key, ...]] = [
-        (start, after) for after in reversed(links.after.get(start, {})) if after in inside
-    ]
-    for _ in range(_MOST_STEPS):
-        if not open_chains:
-            return
-        chain = open_chains.pop()
-        for after in reversed(links.after.get(chain[-1], {})):
-            if after not in inside:
-                yield (*chain, after)
-            elif after not in chain and len(chain) < _LONGEST:
-                open_chains.append((*chain, after))
 
 
 def _way(
