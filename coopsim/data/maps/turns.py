@@ -1,9 +1,8 @@
-"""Ways over junctions: the chains of lanes that they are made of, their lines, and which way they turn."""
+"""Lines of ways: joined from parts, and which way they turn."""
 
 from __future__ import annotations
 
-from collections.abc import Container, Hashable, Iterator, Mapping, Reversible, Sequence
-from typing import TypeVar
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -11,32 +10,8 @@ from coopsim.data.maps.street_map import Turn
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats, wrap_angle
 
-K = TypeVar("K", bound=Hashable)
-
 _BENT_RAD, _AROUND_RAD = np.pi / 6, 5 * np.pi / 6
 _NEAR_M = 0.05
-_LONGEST, _MOST_STEPS = 32, 4096
-"""Most lanes in a row within junctions, and most steps to find the ways from a lane."""
-
-
-def chains_from(start: K, after: Mapping[K, Reversible[K]], inside: Container[K]) -> Iterator[tuple[K, ...]]:
-    """Yield chains from a lane through lanes within junctions to a lane outside.
-
-    Args:
-        start: the lane.
-        after: lanes that lanes lead on to.
-        inside: lanes within junctions.
-    """
-    open_chains = [(start, each) for each in reversed(after.get(start, ())) if each in inside]
-    for _ in range(_MOST_STEPS):
-        if not open_chains:
-            return
-        chain = open_chains.pop()
-        for each in reversed(after.get(chain[-1], ())):
-            if each not in inside:
-                yield (*chain, each)
-            elif each not in chain and len(chain) < _LONGEST:
-                open_chains.append((*chain, each))
 
 
 def joined(parts: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:

@@ -32,7 +32,7 @@ def middle_of(left: Floats, right: Floats) -> tuple[Floats, Floats]:
     """
     longer, other = (left, right) if length_of(left) >= length_of(right) else (right, left)
     points, fine = divided(longer, _STEP_M), divided(other, _FINE_M)
-    _, near = KDTree(fine).query(points)
+    near = np.asarray(KDTree(fine).query(points)[1])
     near[0], near[-1] = 0, len(fine) - 1
     partners = fine[np.maximum.accumulate(near)]
     return joined([((points + partners) / 2, exact.norm((points - partners)[:, :2]))])

@@ -54,13 +54,13 @@ class Lanelet:
     speed_m_s: float | None
 
     @property
-    def id(self) -> str:
-        """Name in the file."""
+    def name(self) -> str:
+        """Id in the file."""
         return self.item.id
 
     @property
     def is_driven(self) -> bool:
-        """Whether vehicles drive on it."""
+        """True where vehicles drive on it, one way."""
         return self.kind in DRIVEN
 
 
@@ -77,7 +77,7 @@ def kind_of(tags: Tags) -> LaneKind:
 def read_lanelets(content: Content, places: Places) -> dict[str, Lanelet]:
     """Return the lanelets of a file by id; those without two borders are left out, with a note."""
     found = (_lanelet(each, content, places) for each in lanelets_of(content))
-    return {each.id: each for each in found if each is not None}
+    return {each.name: each for each in found if each is not None}
 
 
 def lanelets_of(content: Content) -> list[Item]:
@@ -137,20 +137,26 @@ def _lanelet(item: Item, content: Content, places: Places) -> Lanelet | None:
 
 
 class Neighbours:
-    """What lanelets lead on to, which are side by side, and the side that vehicles keep to."""
+    """Followers of lanelets, lanelets side by side, and the side that vehicles keep to."""
 
     def __init__(self, lanelets: dict[str, Lanelet]) -> None:
         driven = [each for each in lanelets.values() if each.is_driven]
         by_start: dict[Ends, list[str]] = {}
         for each in driven:
-            by_start.setdefault(each.start, []).append(each.id)
-        self.after = {each.id: tuple(by_start.get(each.end, ())) for each in driven}
+            by_start.setdefault(each.start, []).append(each.name)
+        self.after = {each.name: tuple(by_start.get(each.end, ())) for each in driven}
         self.before: dict[str, list[str]] = {}
         for name, after in self.after.items():
             for other in after:
                 self.before.setdefault(other, []).append(name)
         self.left, self.right = dict[str, str](), dict[str, str]()
         self.left_hand = self._pair(driven)
+
+    def is_near(self, one: str, other: str) -> bool:
+        """Return whether a lanelet leads to another or follows it, or both part or join."""
+        starts, ends = {one, *self.before.get(one, ())}, {one, *self.after[one]}
+        near = {after for each in starts for after in self.after[each]} | starts | ends
+        return other in near or other in {before for each in ends for before in self.before.get(each, ())}
 
     def _pair(self, driven: list[Lanelet]) -> bool:
         """Find lanelets of one direction side by side; return whether opposite ones lie on the right."""
@@ -161,7 +167,7 @@ class Neighbours:
             border = each.borders[1]
             other = sides[0].get((border.id, each.start[1]))
             if other is not None and _may_change(border.tags):
-                self.right[each.id], self.left[other.id] = other.id, each.id
+                self.right[each.name], self.left[other.name] = other.name, each.name
             opposite[False] += (each.borders[0].id, each.start[0]) in ends[0]
             opposite[True] += (border.id, each.start[1]) in ends[1]
         return opposite[True] > opposite[False]

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from coopsim.data.maps.lanelet2.junctions import junctions_of, ways_of
+from coopsim.data.maps.lanelet2.junctions import junctions_of
 from coopsim.data.maps.lanelet2.lanelets import Neighbours, has_y_south, lanelets_of, read_lanelets
 from coopsim.data.maps.lanelet2.rules import Rules
 from coopsim.data.maps.osm.content import Content, Places, Tags
 from coopsim.data.maps.osm.projection import Utm
 from coopsim.data.maps.osm.solids import WALLS_M, Solids
 from coopsim.data.maps.street_map import StreetCrossing, StreetJunction, StreetLane, StreetMap
+from coopsim.data.maps.ways import find_ways
 
 _AXES = ("local_x", "local_y")
 
@@ -39,10 +40,10 @@ def read_lanelet_map(path: Path, content: Content) -> StreetMap:
     beside, rules = Neighbours(lanelets), Rules(content, lanelets)
     rules.set_limits()
     junctions = junctions_of(lanelets, beside)
-    ways, chains = ways_of(lanelets, beside, junctions, content.notes)
-    ways, yields = rules.lit(ways, chains), rules.yields(ways, chains)
+    ways, chains = find_ways(lanelets, beside.after, junctions, rules.lights(), content.notes)
+    yields = rules.yields(ways, chains)
     crossings = [each for each in lanelets.values() if each.item.tags.get("subtype") == "crosswalk"]
-    crossed = {each.id for each in crossings}
+    crossed = {each.name for each in crossings}
     lanes = {}
     for name, each in lanelets.items():
         if name not in junctions and name not in crossed:
@@ -63,7 +64,7 @@ def read_lanelet_map(path: Path, content: Content) -> StreetMap:
             for name in dict.fromkeys(junctions.values())
         },
         signals=rules.signals(places, lanes),
-        crossings=tuple(StreetCrossing(each.id, each.line, float(each.width_m.mean())) for each in crossings),
+        crossings=tuple(StreetCrossing(each.name, each.line, float(each.width_m.mean())) for each in crossings),
         areas=tuple(solids.areas),
         solids=tuple(solids.solids),
         left_hand=beside.left_hand,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 
 from coopsim.data.maps.lanelet2.lanelets import SPEEDS, Lanelet
@@ -57,18 +56,13 @@ class Rules:
             )
         return tuple(found)
 
-    def lit(self, ways: Mapping[str, StreetWay], chains: Mapping[str, tuple[str, ...]]) -> dict[str, StreetWay]:
-        """Return ways with the lights that hold for them."""
-        lights: dict[str, list[str]] = {}
+    def lights(self) -> dict[str, tuple[str, ...]]:
+        """Return the lights that hold for lanelets, by id."""
+        found: dict[str, tuple[str, ...]] = {}
         for rule in self._of("traffic_light"):
             for name in self._holds.get(rule.id, ()):
-                lights.setdefault(name, []).append(rule.id)
-        return {
-            name: dataclasses.replace(
-                way, signals=tuple(dict.fromkeys(each for part in chains[name][:-1] for each in lights.get(part, ())))
-            )
-            for name, way in ways.items()
-        }
+                found[name] = (*found.get(name, ()), rule.id)
+        return found
 
     def yields(
         self, ways: Mapping[str, StreetWay], chains: Mapping[str, tuple[str, ...]]

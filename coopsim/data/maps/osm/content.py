@@ -1,4 +1,4 @@
-"""What is in an OSM file: nodes, ways and relations with their tags. Lanelet2 keeps its maps in such files, too."""
+"""Content of OSM files: nodes, ways and relations with their tags. Lanelet2 keeps its maps in such files, too."""
 
 from __future__ import annotations
 
@@ -101,8 +101,8 @@ class Content:
     def _add(self, element: Element) -> None:
         name = element.need("id")
         tags = {each.need("k"): each.get("v") for each in element.all("tag")} or _NO_TAGS
-        kept: Mapping[str, object] = {"node": self._row, "way": self.ways}.get(element.tag, self.relations)
-        if name in kept:
+        items = self.ways if element.tag == "way" else self.relations
+        if name in (self._row if element.tag == "node" else items):
             self.notes.repair("elements with the id of another one are left out", f"{element.tag} {name}")
             return
         if element.tag == "node":
@@ -115,7 +115,7 @@ class Content:
         )  # fmt: skip
         self.notes.take_points(len(members), element)
         bare = Element(element.tag, {"id": name}, element.file, element.line)
-        (self.ways if element.tag == "way" else self.relations)[name] = Item(bare, tags, members)
+        items[name] = Item(bare, tags, members)
 
     def _add_node(self, element: Element, name: str, tags: Tags) -> None:
         usual = 0.0 if "local_x" in tags else None  # such a file may have no degrees

@@ -63,4 +63,4 @@ class Utm:
             place[:, 0] += alpha * np.cos(2 * j * north) * np.sinh(2 * j * east)
             place[:, 1] += alpha * np.sin(2 * j * north) * np.cosh(2 * j * east)
         false_m = np.array([_EAST_M, _SOUTH_M if self.south else 0.0])
-        return np.round(_SCALE * _RADIUS_M * place + false_m, _DECIMALS)
+        return np.asarray(np.round(_SCALE * _RADIUS_M * place + false_m, _DECIMALS))

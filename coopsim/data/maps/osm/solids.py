@@ -1,4 +1,4 @@
-"""What stands beside the roads of OpenStreetMap: buildings, walls, trees, poles, and ground to park or walk on."""
+"""Surroundings of roads in OpenStreetMap: buildings, walls, trees, poles, and ground to park or walk on."""
 
 from __future__ import annotations
 
