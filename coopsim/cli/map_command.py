@@ -12,7 +12,8 @@ from coopsim.errors import MapWarning
 
 def _add_map(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("map", type=Path, metavar="FILE", help="OpenDRIVE (.xodr), SUMO (.net.xml), OpenStreetMap or Lanelet2 (.osm), plain or in gzip (.gz)")
+    formats = "OpenDRIVE (.xodr), SUMO (.net.xml), OpenStreetMap or Lanelet2 (.osm), plain or in gzip (.gz)"
+    add("map", type=Path, metavar="FILE", help=formats)
     add("--picture", type=Path, metavar="FILE.png", help="draw the map from above")
 
 

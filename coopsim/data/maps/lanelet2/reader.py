@@ -48,8 +48,9 @@ def read_lanelet_map(path: Path, content: Content) -> StreetMap:
     for name, each in lanelets.items():
         if name not in junctions and name not in crossed:
             near = (beside.left.get(name), beside.right.get(name))
-            sides, road = [None if side in junctions else side for side in near], _leftmost(name, beside)
-            lanes[name] = StreetLane(name, road, each.kind, each.line, each.width_m, each.speed_m_s, *sides)
+            left, right = (None if side in junctions else side for side in near)
+            road = _leftmost(name, beside)
+            lanes[name] = StreetLane(name, road, each.kind, each.line, each.width_m, each.speed_m_s, left, right)
     links = {name: after for name, follow in beside.after.items()
              if name in lanes and (after := tuple(each for each in follow if each in lanes))}  # fmt: skip
     solids = Solids(content, places, _meaning)
