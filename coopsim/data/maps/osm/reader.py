@@ -69,7 +69,7 @@ def keeps_left(content: Content) -> bool:
     sides = Counter(each["driving_side"] for each in tags if "driving_side" in each)
     if sides:
         return sides.most_common(1)[0][0] == "left"
-    countries = Counter(each[key] for each in tags for key in _COUNTRY if key in each)
+    countries = Counter(each[key].upper() for each in tags for key in _COUNTRY if key in each)
     return bool(countries) and countries.most_common(1)[0][0] in _LEFT.split()
 
 

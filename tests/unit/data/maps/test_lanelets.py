@@ -129,3 +129,15 @@ def test_gzip_is_read_as_well(streets: StreetMap, tmp_path: Path) -> None:
     path = tmp_path / "b.osm.gz"
     path.write_bytes(gzip.compress(LANELETS.encode()))
     assert list(read_map(path).lanes) == list(streets.lanes)
+
+
+@pytest.mark.parametrize(
+    ("subtype", "other", "changes"),
+    [("dashed", "", True), ("solid", "", False), ("dashed", "no", False), ("solid", "yes", True)],
+)
+def test_borders_say_where_lanes_are_changed(subtype: str, other: str, changes: bool, tmp_path: Path) -> None:
+    tags = {"subtype": subtype, **({"lane_change": other} if other else {})}
+    text = osm(border("a", [(0, 3), (50, 3)]), border("b", [(0, 0), (50, 0)], tags), border("c", [(0, -3), (50, -3)]),
+               lanelet("A", "a", "b"), lanelet("B", "b", "c"))  # fmt: skip
+    lanes = read_map(written(tmp_path, text, "a.osm")).lanes
+    assert (lanes["A"].right == "B" and lanes["B"].left == "A") is changes

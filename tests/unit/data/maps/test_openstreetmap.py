@@ -72,7 +72,7 @@ def test_tags_that_are_no_number_count_as_missing(text: str, number: float | Non
 
 @pytest.mark.parametrize(
     ("tags", "left"),
-    [({"driving_side": "left", "addr:country": "DE"}, True), ({"addr:country": "GB"}, True), ({}, False),
+    [({"driving_side": "left", "addr:country": "DE"}, True), ({"addr:country": "gb"}, True), ({}, False),
      ({"addr:country": "DE"}, False), ({"driving_side": "right", "addr:country": "JP"}, False)],
 )  # fmt: skip
 def test_the_side_of_the_road_is_that_of_tags(tags: dict[str, str], left: bool, tmp_path: Path) -> None:
