@@ -99,8 +99,8 @@ def make_program(
         movements: ways with a light.
         conflicts: pairs of numbers of movements that cross or join, each in one order or both.
         crossings: crosswalks with a light.
-        seed: of the green times.
-        name: of the junction: another has other times.
+        seed: decides the green times.
+        name: name of the junction; another one has other times.
         groups: numbers of movements that controllers let go together, each in stages of its own; empty: all are one.
             Movements in no group are one more. Movements of a group that must not be green together are divided.
         protect_left: left turns have stages of their own wherever others cross them.
