@@ -42,7 +42,7 @@ def furnish(layout: Layout, seed: int) -> list[MapFurniture]:
     if layout.signals:
         stands, head = head_stands(layout.road_map.stop_lines)
         plot.put("traffic_light", stands, head, obstacles=obstacles_of(layout, area, swept=False))
-    placer.crosswalks(kerbs, crosswalks_without_light(layout), lights=not layout.signals)
+    placer.crosswalks(kerbs, crosswalks_without_light(layout), some_lit=not layout.signals)
     rows, lines = (kinds.VERGE, kinds.VERGE_LINES) if layout.footways is None else (kinds.KERB, kinds.KERB_LINES)
     placer.zone("kerb", rows, lines, kerbs)
     placer.fronts(*fronts(layout))

@@ -75,10 +75,10 @@ class Placer:
                 pieces, run = self._runs(line, sides, start[kept], count[kept].astype(np.int64))
                 self._plot.put_lines(line.kind, pieces, run, bulky=line.bulky)
 
-    def crosswalks(self, sides: Sides, crosswalks: Sequence[Floats], *, lights: bool) -> None:
-        """Put up signs where streets come to crosswalks, or (with `lights`) traffic lights at some."""
+    def crosswalks(self, sides: Sides, crosswalks: Sequence[Floats], *, some_lit: bool) -> None:
+        """Put up signs where streets come to crosswalks, or (with `some_lit`) traffic lights at a share of them."""
         draws = stream(self._seed, "furnish", "crosswalks")
-        lit = draws.uniform(size=len(crosswalks)) < (kinds.CROSSING_LIGHTS if lights else 0.0)
+        lit = draws.uniform(size=len(crosswalks)) < (kinds.CROSSING_LIGHTS if some_lit else 0.0)
         grid, side = sides.grid(1.0)
         if not len(grid) or not len(crosswalks):
             return
