@@ -128,7 +128,7 @@ class StaticPart:
         boxes: (K, 7) upright boxes that stand for the part where no rays are cast; None: those around its closed
             components.
         opacity: share of the light through such a box that is stopped: less than 1 for foliage.
-        lamp: of a traffic light: its number among `RoadMap.lights`, the letter at which it shines, and the colour then.
+        lamp: number of its light among `RoadMap.lights`, letter at which it shines, and its colour then; None: no lamp.
     """
 
     name: str
