@@ -53,6 +53,8 @@ _STOPPING_M_S2, _BEFORE_LINE_M = 4.0, 2.0  # braking for a light, and where the 
 GRANTED = 0
 """Ticket of a vehicle that may go. A waiting one has a ticket > 0, in the order of asking; -1: does not ask."""
 
+_CRAWLING_M_S = 3.0  # slower vehicles stop even where they stand beyond the line
+
 _LOST = -2  # ticket of a vehicle that must give way, had a grant and asks again: it keeps its place
 
 
@@ -118,7 +120,8 @@ def request_m(vehicle: Vehicle, movements: Movements) -> float:
 @njit(cache=True, nogil=True)
 def can_stop(vehicle: Vehicle, line_m: float) -> bool:
     """Return whether a vehicle can stop for a light that turns yellow, at a distance to its line (m)."""
-    return line_m > _BEFORE_LINE_M + vehicle.speed**2 / (2 * _STOPPING_M_S2)
+    before_m = _BEFORE_LINE_M * min(vehicle.speed / _CRAWLING_M_S, 1.0)  # one that stands at the line stays there
+    return line_m > before_m + vehicle.speed**2 / (2 * _STOPPING_M_S2)
 
 
 @njit(cache=True, nogil=True)

@@ -106,6 +106,17 @@ def test_planners_see_red_as_a_limit_and_stop() -> None:
     assert (route.right_of_way[red] == GIVES_WAY).all()
 
 
+def test_a_planned_car_that_stands_at_the_line_stays_there_at_red() -> None:
+    """A short car has its middle less than 2 m before the line then."""
+    world = lit_world(vehicles=1, connected_cars=1, pedestrians=0, control="planner")
+    row, network = world.fleet.rows[0], world._traffic._network
+    row["lane"] = row["target_lane"] = network.lane_number["in1.", "in1", 0]
+    row["x"], row["y"], row["heading"], row["route_length"] = -1.6, 15.7, -np.pi / 2, 0
+    for speed, stops in ((0.0, True), (1.3, True), (8.0, False)):
+        row["speed"] = speed
+        assert (world.car_ahead("cav_0").route.speed_limit_m_s[0] == 0.0) == stops
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
