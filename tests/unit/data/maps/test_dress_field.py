@@ -8,6 +8,7 @@ from shapely import LineString, Point, Polygon, union_all
 from coopsim.data.maps.dress.field import field_of
 from coopsim.data.maps.dress.roads import roads_of
 from coopsim.data.maps.dress.surfaces import area_m2, convex_parts, off_road
+from coopsim.data.maps.dress.ways import runs
 
 PIECES = np.array([[0, 0, 40, 3, 2, 3], [20, -25, 20, 25, 1.5, 1.5], [60, 0, 60, 0, 4, 4.0]])
 
@@ -79,3 +80,18 @@ def test_concave_outlines_become_few_convex_parts(name, way):
 def test_an_outline_that_crosses_itself_ends():
     bow = np.array([[0, 0], [4, 4], [4, 0], [0, 4.0]])
     assert sum(area_m2(part) for part in convex_parts(bow)) <= 16.0
+
+
+def test_short_gaps_of_a_line_are_closed_and_short_lines_left_out():
+    angle = np.linspace(0, 2 * np.pi, 201)[:-1]
+    ring = 40 * np.column_stack([np.cos(angle), np.sin(angle)])  # 1.26 m between points
+    none, every = np.zeros(200, np.bool_), np.ones(200, np.bool_)
+    wanted = every.copy()
+    wanted[10:30] = False  # 25 m
+    assert len(runs(ring, wanted, none)[0]) == 201
+    assert [len(run) for run in runs(ring, wanted, ~wanted)] == [180]
+    wanted[50:100] = False  # 63 m
+    assert [len(run) for run in runs(ring, wanted, none)] == [150]
+    wanted[105:] = False  # 6 m and 50 m are left
+    assert [len(run) for run in runs(ring, wanted, none)] == [50]
+    assert runs(ring, none, none) == [] and runs(ring / 100, every, none) == []
