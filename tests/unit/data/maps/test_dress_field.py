@@ -95,3 +95,10 @@ def test_short_gaps_of_a_line_are_closed_and_short_lines_left_out():
     wanted[105:] = False  # 6 m and 50 m are left
     assert [len(run) for run in runs(ring, wanted, none)] == [50]
     assert runs(ring, none, none) == [] and runs(ring / 100, every, none) == []
+
+
+def test_lines_are_closed_where_the_surface_leaves_the_grid():
+    wide = field_of(PIECES).with_pieces(np.array([[20, 0, 200, 0, 3, 3.0]]))
+    (outer,) = (line for line in wide.lines(1.0) if area_m2(line) > 0)
+    steps_m = np.hypot(*(np.roll(outer, -1, axis=0) - outer).T)
+    assert steps_m.max() < 1.5 and outer[:, 0].max() > 75.0
