@@ -8,7 +8,6 @@ from itertools import pairwise
 import numpy as np
 
 from coopsim.data.maps.dress.field import Field, value_at
-from coopsim.geometry import exact
 from coopsim.geometry.outlines import convex_pieces, keep_corners
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
@@ -165,11 +164,10 @@ def _joined(one: tuple[int, ...], other: tuple[int, ...], corners: Floats) -> tu
 
 
 def _are_left(outline: Floats) -> bool:
-    """Return whether every corner (K, 2) turns to the left, or hardly to the right."""
+    """Return whether every corner (K, 2) turns to the left, none hardly."""
     ahead = np.roll(outline, -1, axis=0) - outline
     after = np.roll(ahead, -1, axis=0)
-    turn = ahead[:, 0] * after[:, 1] - ahead[:, 1] * after[:, 0]
-    return bool((turn > -1e-3 * exact.norm(ahead + after, axis=1)).all())
+    return bool((ahead[:, 0] * after[:, 1] - ahead[:, 1] * after[:, 0] > _LEAST_M2).all())
 
 
 @njit(cache=True, nogil=True)

@@ -55,8 +55,8 @@ class Lines:
         away_m = np.where(number == own, np.inf, exact.norm(offset - share[:, None] * along))
         best = int(away_m.argmin())
         line, length_m = int(number[best]), float(exact.norm(along[best]))
-        at = float(share[best])
-        at = 0.0 if at * length_m < _SAME_M else 1.0 if (1 - at) * length_m < _SAME_M else at
+        steps = max(round(length_m / _SAME_M), 1)  # places on a piece are one, or apart
+        at = round(float(share[best]) * steps) / steps
         return (line, float(index[best]) + at), float(away_m[best])
 
     def at(self, place: _Place) -> Floats:
@@ -209,24 +209,36 @@ def _is_clear(start: Floats, end: Floats, ground: Field) -> bool:
 
 def describe(lines: Lines) -> tuple[MapWays | None, dict[str, tuple[str, str]]]:
     """Return people's ways of a description, and the two nodes of each crossing by its id."""
-    names = dict[_Place, str]()
-    nodes = dict[str, Point]()
+    same, names, nodes = dict[_Place, _Place](), dict[_Place, str](), dict[str, Point]()
+    last = [len(line) - 1 for line in lines.lines]
+    closed = [np.array_equal(line[0], line[-1]) for line in lines.lines]
+
+    def root(place: _Place) -> _Place:
+        number, at = place
+        found = (number, at % last[number] if closed[number] else at)
+        return root(same[found]) if found in same else found
+
+    def name(place: _Place) -> str:
+        if root(place) not in names:
+            names[root(place)] = f"w{len(nodes)}"
+            nodes[names[root(place)]] = point_of(lines.at(root(place)))
+        return names[root(place)]
+
+    for one, other in lines.joins:
+        if root(one) != root(other) and exact.norm(lines.at(one) - lines.at(other)) < _SAME_M:
+            same[root(one)] = root(other)
     met = [place for pair in (*lines.joins, *lines.crossings.values()) for place in pair]
     ways = list[tuple[str, ...]]()
-    for number, line in enumerate(lines.lines):
-        last = len(line) - 1
-        closed = np.array_equal(line[0], line[-1])
-        places = {(number, float(k)) for k in range(last if closed else last + 1)}
-        places |= {(number, at % last if closed else at) for own, at in met if own == number}
-        way = []
-        for place in sorted(places):
-            names[place] = f"w{len(nodes)}"
-            nodes[names[place]] = point_of(lines.at(place))
-            way.append(names[place])
-        if closed:
-            names[number, float(last)] = way[0]
-            way.append(way[0])
-        ways.append(tuple(way))
-    ways += [(names[one], names[other]) for one, other in lines.joins]
-    across = {name: (names[start], names[end]) for name, (start, end) in lines.crossings.items()}
+    for number in range(len(lines.lines)):
+        places = {float(k) for k in range(last[number] + 1)} | {at for own, at in met if own == number}
+        ways.append(_once([name((number, at)) for at in sorted(places)]))
+    ways += [_once([name(one), name(other)]) for one, other in lines.joins]
+    across = {each: (name(start), name(end)) for each, (start, end) in lines.crossings.items()}
+    across = {each: pair for each, pair in across.items() if pair[0] != pair[1]}
+    ways = [way for way in ways if len(way) > 1]
     return (MapWays(nodes, tuple(ways), tuple(across.values())) if ways else None), across
+
+
+def _once(names: list[str]) -> tuple[str, ...]:
+    """Return names without those that repeat the one before."""
+    return tuple(each for k, each in enumerate(names) if not k or each != names[k - 1])

@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -161,3 +162,15 @@ def test_a_city_has_all_of_it():
     assert len(fields["buildings"]) > 200 and len(fields["walks"].crosswalks) > 10
     assert min(ground.at(np.array(each.outline)).min() for each in fields["buildings"]) > 0.2
     assert (ground.at(np.array([unit.at for unit in fields["rsus"]])) > 0.9).all()
+
+
+def test_paths_that_meet_have_one_node_there():
+    paths = (line((60.0, 60.0), (100.0, 60.0)), line((100.0, 60.0), (100.0, 100.0)), line((100.3, 60.0), (140.0, 60.0)))
+    more = {f"path{k}": lane(f"path{k}", "walk", each, 2.0) for k, each in enumerate(paths)}
+    streets = crossroads(walks=True)
+    walks = surroundings_of(replace(streets, lanes={**streets.lanes, **more}), 1).fields["walks"]
+    pairs = [pair for way in (*walks.ways, *walks.crosswalks) for pair in pairwise(way)]
+    lengths_m = [np.hypot(*np.subtract(walks.nodes[a], walks.nodes[b])) for a, b in pairs]
+    assert min(lengths_m) > 0.2
+    (corner,) = (name for name, at in walks.nodes.items() if np.hypot(at[0] - 100.0, at[1] - 60.0) < 0.5)
+    assert sum(corner in pair for pair in pairs) == 3
