@@ -1,1 +1,1 @@
-"""What stands and lies beside the roads of a map: pavements, people's ways, houses, trees, bays, roadside units."""
+"""Surroundings: all that stands and lies beside the roads of a map: pavements, people's ways, houses, trees, bays, roadside units."""

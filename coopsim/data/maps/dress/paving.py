@@ -1,4 +1,4 @@
-"""What lies beside the roads of a map: pavements, shoulders, bays, verges and islands."""
+"""Ground beside the roads of a map: pavements, shoulders, bays, verges and islands."""
 
 from __future__ import annotations
 

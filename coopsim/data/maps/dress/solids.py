@@ -1,4 +1,4 @@
-"""What a map says stands beside its roads: buildings, walls, trees and poles."""
+"""Solids of a map that stand beside its roads: buildings, walls, trees and poles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands and lies beside the roads of a map, as fields of a place's description."""
+"""Surroundings of the roads of a map, as fields of a place's description."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _LEAST_M2 = 1500.0  # of a block with houses; the islands of roundabouts are sma
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surroundings:
-    """What is beside the roads of a map.
+    """All that is beside the roads of a map.
 
     Attributes:
         fields: fields of a `PlaceDescription`, for `dataclasses.replace`.
