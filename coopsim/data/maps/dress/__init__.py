@@ -1,1 +1,1 @@
-"""Surroundings: all that stands and lies beside the roads of a map: pavements, people's ways, houses, trees, bays, roadside units."""
+"""Surroundings of the roads of a map: pavements, people's ways, houses, trees, bays, roadside units."""
