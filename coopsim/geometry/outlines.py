@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
+from coopsim.support.arrays import Ints, Mask
 from coopsim.support.kernels import njit
-from coopsim.types import Ints, Mask
 
 _SAME_M2 = 1e-9
 """Points are equally far from a line if squares of their distances differ by less, m^2: processors round differently,

@@ -1,0 +1,1 @@
+"""Surroundings of the roads of a map: pavements, people's ways, houses, trees, bays, roadside units."""
