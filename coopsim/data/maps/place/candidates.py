@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from coopsim.data.maps.check import driven_lanes
+from coopsim.data.maps.place.lines import along_of
 from coopsim.data.maps.street_map import StreetMap, StreetWay
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
@@ -78,7 +79,7 @@ def _bridges(streets: StreetMap) -> Floats:
 
 def _spaced(line: Floats) -> Floats:
     """Return points (N, 3) along a line, at most `_STEP_M` apart."""
-    along = np.concatenate([[0.0], np.cumsum(exact.norm(np.diff(line[:, :2], axis=0)))])
+    along = along_of(line)
     at = np.linspace(0.0, along[-1], int(along[-1] / _STEP_M) + 2)
     return np.column_stack([np.interp(at, along, column) for column in line.T])
 

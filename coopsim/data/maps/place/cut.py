@@ -10,6 +10,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from coopsim.data.maps.place.lines import along_of, part_of
 from coopsim.data.maps.street_map import DRIVEN, StreetJunction, StreetLane, StreetMap, StreetSolid, StreetWay
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
@@ -143,7 +144,7 @@ def _ranges(line: Floats, radius_m: float) -> list[tuple[float, float]]:
     middle = -exact.dot(points, step) / square
     half = np.sqrt(np.maximum(np.square(middle) - (exact.dot(points, points) - radius_m**2) / square, 0.0))
     low, high = np.clip(middle - half, 0.0, 1.0), np.clip(middle + half, 0.0, 1.0)
-    along, length = _along(line)[:-1], exact.norm(step)
+    along, length = along_of(line)[:-1], exact.norm(step)
     found: list[tuple[float, float]] = []
     for k in np.flatnonzero(high > low).tolist():
         start, end = float(along[k] + low[k] * length[k]), float(along[k] + high[k] * length[k])
@@ -151,20 +152,6 @@ def _ranges(line: Floats, radius_m: float) -> list[tuple[float, float]]:
             start = found.pop()[0]
         found.append((start, end))
     return found
-
-
-def _along(line: Floats) -> Floats:
-    """Return the distances (K,) along a line in the plane, m."""
-    return np.concatenate([[0.0], np.cumsum(exact.norm(np.diff(line[:, :2], axis=0)))])
-
-
-def _part(line: Floats, values: Floats, start_m: float, end_m: float) -> tuple[Floats, Floats]:
-    """Return a part of a line (K, 3), and of values (K,) along it."""
-    along = _along(line)
-    inner = along[(along > start_m + _ROUNDING_M) & (along < end_m - _ROUNDING_M)]
-    at = np.concatenate([[start_m], inner, [end_m]])
-    part = np.column_stack([np.interp(at, along, column) for column in line.T])
-    return part, np.asarray(np.interp(at, along, values))
 
 
 def _pieces(lane: StreetLane, radius_m: float) -> tuple[list[StreetLane], bool, bool]:
@@ -176,7 +163,7 @@ def _pieces(lane: StreetLane, radius_m: float) -> tuple[list[StreetLane], bool, 
         if end - start > _LEAST_M or (start < _ROUNDING_M and end > length_m - _ROUNDING_M)
     ]
     for number, (start, end) in enumerate(ranges, start=1):
-        line, width_m = _part(lane.line, lane.width_m, start, end)
+        line, width_m = part_of(lane.line, lane.width_m, start, end)
         name = lane.id if number == 1 else f"{lane.id}/{number}"
         pieces.append(dataclasses.replace(lane, id=name, line=line, width_m=width_m))
     starts = bool(ranges) and ranges[0][0] < _ROUNDING_M
@@ -228,5 +215,5 @@ def _solid(solid: StreetSolid, radius_m: float) -> list[StreetSolid]:
         reaches = float(exact.norm(solid.line[:, :2]).min()) < radius_m
         return [solid] if reaches else []
     none = np.zeros(len(solid.line))
-    parts = [_part(solid.line, none, *span)[0] for span in _ranges(solid.line, radius_m)]
+    parts = [part_of(solid.line, none, *span)[0] for span in _ranges(solid.line, radius_m)]
     return [dataclasses.replace(solid, line=part) for part in parts]
