@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from coopsim.data.maps.check import driven_lanes
-from coopsim.data.maps.place.lines import along_of
+from coopsim.data.maps.place.lines import spaced
 from coopsim.data.maps.street_map import StreetMap, StreetWay
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
@@ -71,17 +71,10 @@ def _bridges(streets: StreetMap) -> Floats:
     lines = [each.line for each in (*driven_lanes(streets), *streets.ways.values())]
     if not lines or max(line[:, 2].max() for line in lines) - min(line[:, 2].min() for line in lines) < _ABOVE_M:
         return np.zeros((0, 2))
-    points = np.concatenate([_spaced(line) for line in lines])
+    points = np.concatenate([spaced(line, _STEP_M) for line in lines])
     pairs = cKDTree(points[:, :2]).query_pairs(_NEAR_M, output_type="ndarray")
     apart = np.abs(points[pairs[:, 0], 2] - points[pairs[:, 1], 2]) > _ABOVE_M
     return points[np.unique(pairs[apart]), :2]
-
-
-def _spaced(line: Floats) -> Floats:
-    """Return points (N, 3) along a line, at most `_STEP_M` apart."""
-    along = along_of(line)
-    at = np.linspace(0.0, along[-1], int(along[-1] / _STEP_M) + 2)
-    return np.column_stack([np.interp(at, along, column) for column in line.T])
 
 
 def _spread(points: Floats) -> Floats:

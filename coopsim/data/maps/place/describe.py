@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from coopsim.config.annotated import Point
-from coopsim.data.maps.place.lines import heading_of, simplified
+from coopsim.data.maps.place.lines import heading_of
 from coopsim.data.maps.place.rights import add_yields, signals_of
 from coopsim.data.maps.place.strips import Strip, Strips, strips_of
 from coopsim.data.maps.street_map import StreetMap
@@ -59,7 +59,7 @@ def _settled(values: Floats) -> Floats:
 
 
 def _lane(strip: Strip, strips: Strips) -> MapLane:
-    line, width_m = simplified(strip.line, np.clip(strip.width_m, *_WIDTHS_M))
+    line, width_m = strip.line, np.clip(strip.width_m, *_WIDTHS_M)
     same = float(np.ptp(width_m)) < _ALIKE_M
     nodes = {name: (each.start, each.end) for name, each in strips.all.items()}
     left, right = (

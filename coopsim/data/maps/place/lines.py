@@ -14,6 +14,7 @@ ACCURACY_M = 0.05
 
 _ROUNDING_M = 1e-6
 _NEAR_M = 0.15  # points nearer to the one before are left out
+_SHARP_RAD, _SHORT_M = np.radians(40.0), 2.0  # corners that are left out
 _CORNER_RAD = np.radians(25.0)  # corners that are sharper are made round
 _CORNER_M = 4.0  # from a corner, at most, where the round begins
 _PULL = 0.4  # of the way between the ends, which a curve follows their directions
@@ -52,31 +53,53 @@ def rounded(line: Floats, width_m: Floats) -> tuple[Floats, Floats]:
     kept[-1] = True
     if len(line) > 2 and apart[-1] <= _NEAR_M and kept[:-1].sum() > 1:
         kept[np.flatnonzero(kept[:-1])[-1]] = False
-    line, width_m = line[kept], width_m[kept]
+    line, width_m = _blunt(line[kept], width_m[kept])
     for _ in range(2):
-        step = np.diff(line[:, :2], axis=0)
-        heading = exact.arctan2(step[:, 1], step[:, 0])
-        sharp = 1 + np.flatnonzero(np.abs(wrap_angle(np.diff(heading))) > _CORNER_RAD)
-        if not len(sharp):
-            break
         along = along_of(line)
+        sharp = 1 + np.flatnonzero(_turns(line) > _CORNER_RAD)
         reach_m = np.minimum(np.minimum(np.diff(along)[sharp - 1], np.diff(along)[sharp]) / 3, _CORNER_M)
+        sharp, reach_m = sharp[reach_m > _NEAR_M], reach_m[reach_m > _NEAR_M]
         at = np.sort(np.concatenate([np.delete(along, sharp), along[sharp] - reach_m, along[sharp] + reach_m]))
         line = np.column_stack([np.interp(at, along, column) for column in line.T])
         width_m = np.asarray(np.interp(at, along, width_m))
     return line, width_m
 
 
-def curve_between(start: Floats, end: Floats) -> Floats:
-    """Return a curve (K, 3) from the end of a line to the start of another, in their directions."""
-    length_m = float(exact.norm((end[0] - start[-1])[:2]))
-    first, last = start[-1] - start[0], end[-1] - end[0]
-    pull = [_PULL * length_m * each / max(float(exact.norm(each[:2])), _ROUNDING_M) for each in (first, last)]
-    points = np.array([start[-1], start[-1] + pull[0], end[0] - pull[1], end[0]])
+def _turns(line: Floats) -> Floats:
+    """Return by how much a line (K, 3) turns at its inner points (K - 2,), rad."""
+    step = np.diff(line[:, :2], axis=0)
+    heading = exact.arctan2(step[:, 1], step[:, 0])
+    return np.asarray(np.abs(wrap_angle(np.diff(heading))))
+
+
+def _blunt(line: Floats, width_m: Floats) -> tuple[Floats, Floats]:
+    """Leave out the points of corners that are too sharp and too near to another point to be cut."""
+    while len(line) > 2:
+        steps = exact.norm(np.diff(line[:, :2], axis=0))
+        worst = np.where(np.minimum(steps[1:], steps[:-1]) < _SHORT_M, _turns(line), 0.0)
+        if worst.max() < _SHARP_RAD:
+            break
+        left = np.arange(len(line)) != 1 + int(np.argmax(worst))
+        line, width_m = line[left], width_m[left]
+    return line, width_m
+
+
+def curve_between(start: Floats, ahead: Floats, end: Floats, beyond: Floats) -> Floats:
+    """Return a curve (K, 3) from a point (3,) in a direction (3,) to another point, where it has another direction."""
+    length_m = float(exact.norm((end - start)[:2]))
+    first, last = (_PULL * length_m * each / max(float(exact.norm(each[:2])), _ROUNDING_M) for each in (ahead, beyond))
+    points = np.array([start, start + first, end - last, end])
     share = np.linspace(0.0, 1.0, max(6, int(length_m / _CURVE_M) + 1))[:, None]
     rest = 1.0 - share
     weights = np.hstack([rest**3, 3 * share * rest**2, 3 * share**2 * rest, share**3])
     return np.asarray(sum(weights[:, k : k + 1] * points[k] for k in range(4)))
+
+
+def spaced(line: Floats, step_m: float) -> Floats:
+    """Return points (N, 3) along a line, at most `step_m` apart."""
+    along = along_of(line)
+    at = np.linspace(0.0, along[-1], int(along[-1] / step_m) + 2)
+    return np.column_stack([np.interp(at, along, column) for column in line.T])
 
 
 def simplified(line: Floats, width_m: Floats) -> tuple[Floats, Floats]:

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from coopsim.data.maps.place.lines import along_of, heading_of, turn_rad
-from coopsim.data.maps.place.strips import Strip
+from coopsim.data.maps.place.strips import Strip, conflicts_of
 from coopsim.data.maps.street_map import SignalProgram, StreetJunction, StreetMap
-from coopsim.geometry.se3 import Floats
 from coopsim.world.places.description import MapPhase, MapSignal
 from coopsim.world.places.signal_plans import LitMovement, make_program
 
 _SIGN_M = 40.0  # a sign this far before a junction holds at it
 _OPPOSITE_RAD = np.radians(135.0)
-_NEAR_M, _STEP_M = 2.5, 1.0  # ways over a junction that come nearer than this conflict
 _LONGEST_S = 120.0  # a program with a longer phase is not one that runs by itself
 _LETTERS = str.maketrans("oOsu", "gggr", "")
 _SPEED_M_S = 13.9
@@ -154,18 +151,3 @@ def _movement(streets: StreetMap, strip: Strip) -> LitMovement:
         lane.speed_m_s or _SPEED_M_S,
         float(along_of(strip.line)[-1]),
     )
-
-
-def conflicts_of(ways: Sequence[Strip]) -> list[tuple[int, int]]:
-    """Return pairs of numbers of ways from different lanes that cross or join."""
-    points = [_spaced(each.line) for each in ways]
-    owner = np.repeat(np.arange(len(ways)), [len(each) for each in points])
-    pairs = owner[cKDTree(np.concatenate(points)).query_pairs(_NEAR_M, output_type="ndarray")]
-    found = sorted({(int(a), int(b)) for a, b in np.unique(np.sort(pairs, axis=1), axis=0)})
-    return [(a, b) for a, b in found if ways[a].start != ways[b].start]
-
-
-def _spaced(line: Floats) -> Floats:
-    along = along_of(line)
-    at = np.linspace(0.0, along[-1], int(along[-1] / _STEP_M) + 2)
-    return np.column_stack([np.interp(at, along, column) for column in line.T[:2]])

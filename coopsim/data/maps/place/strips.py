@@ -6,21 +6,25 @@ lanes join, their last metres are strips of their own, at whose beginnings vehic
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from coopsim.data.maps.check import driven_lanes
-from coopsim.data.maps.place.lines import along_of, curve_between, part_of, rounded, turn_rad
-from coopsim.data.maps.street_map import StreetMap, StreetWay, Turn
+from coopsim.data.maps.place.lines import along_of, curve_between, part_of, rounded, simplified, spaced, turn_rad
+from coopsim.data.maps.street_map import StreetLane, StreetMap, StreetWay, Turn
 from coopsim.geometry.se3 import Floats
 
 _SHORT_M = 3.0  # shorter lanes become parts of the ways that lead to them
+_LENGTH_M, _LEAST_M = 10.0, 1.0  # that ways which are as short take of a lane; shortest way
 _SAME_M = 20.0  # shorter lanes take the limit of the lane that they become a part of
 _JOIN_M, _APART_M = 30.0, 45.0  # of lanes that join: the last metres, where lanes are this long
 _SHIFT = 10.0  # metres ahead for each metre aside, where a lane opens or closes
-_SHARP_RAD = np.radians(30.0)
+_SHARP_RAD, _AHEAD_M = np.radians(35.0), 2.0
+_NEAR_M, _STEP_M = 2.5, 1.0  # ways over a junction that come nearer than this conflict
 
 
 @dataclass(slots=True, eq=False)
@@ -99,15 +103,37 @@ def strips_of(streets: StreetMap) -> Strips:
     for way in streets.ways.values():
         if way.turn != "around":
             ends = nodes[way.start, 1], nodes[way.end, 0]
-            found.all[way.id] = Strip(way.id, *ends, way.line, way.width_m, way.speed_m_s, way)
+            line, width_m = _bent(way, streets)
+            found.all[way.id] = Strip(way.id, *ends, line, width_m, way.speed_m_s, way)
     _open_and_close(found)
     _chain(found)
     _contract(found)
+    _lengthen(found)
     _keep_one_each(found)
     _meet(found)
     _smooth(found)
     _join(found)
     return found
+
+
+def _bent(way: StreetWay, streets: StreetMap) -> tuple[Floats, Floats]:
+    """Return the line and widths of a way, drawn anew where it turns at once."""
+    lanes = streets.lanes[way.start], streets.lanes[way.end]
+    before, after = (part_of(lane.line, lane.width_m, *_near(lane, end)) for end, lane in enumerate(lanes))
+    start, end = before[0][[0, -1]], after[0][[0, -1]]
+    line, width_m = rounded(way.line, way.width_m)
+    steps = [start, *(line[k : k + 2] for k in range(len(line) - 1)), end]
+    if max(turn_rad(a, b) for a, b in pairwise(steps)) < _SHARP_RAD:
+        return line, width_m
+    line = curve_between(start[1], start[1] - start[0], end[0], end[1] - end[0])
+    return line, np.linspace(width_m[0], width_m[-1], len(line))
+
+
+def _near(lane: StreetLane, end: int) -> tuple[float, float]:
+    """Return the part of a lane, m, by which its direction at its start (1) or end (0) counts."""
+    length_m = lane.length_m
+    reach_m = min(_AHEAD_M, length_m)
+    return (0.0, reach_m) if end else (length_m - reach_m, length_m)
 
 
 def _nodes(streets: StreetMap) -> dict[tuple[str, int], str]:
@@ -160,7 +186,11 @@ def _lead(strip: Strip, beside: Strip, end: int) -> None:
 
 
 def _chain(strips: Strips) -> None:
-    """Make one of lanes that follow each other, where no other leads on or joins, and limits are the same."""
+    """Make one of lanes that follow each other, where no other leads on or joins, and limits are the same.
+
+    Ways that meet no other way are as lanes.
+    """
+    _make_lanes(strips)
     ending, starting = strips.by_node()
     into: dict[str, str] = {}
     for node, before in ending.items():
@@ -181,6 +211,41 @@ def _chain(strips: Strips) -> None:
     for each in strips.all.values():
         each.left, each.right = _last(each.left, into), _last(each.right, into)
         each.yields = None if each.yields is None else tuple(_last(name, into) or name for name in each.yields)
+
+
+def _make_lanes(strips: Strips) -> None:
+    """Make lanes of ways without lights that meet no other way of their junction."""
+    inside: dict[str, list[Strip]] = {}
+    for each in strips.all.values():
+        if each.way:
+            inside.setdefault(each.way.junction, []).append(each)
+    for ways in inside.values():
+        met = {number for pair in conflicts_of(ways) for number in pair}
+        for number, each in enumerate(ways):
+            if number not in met and each.way and each.way.program is None and not each.way.signals:
+                each.way = None
+
+
+def _lengthen(strips: Strips) -> None:
+    """Let ways that are too short go on over a part of a lane; leave out those that cannot."""
+    for way in [each for each in strips.all.values() if each.way and each.length_m < _SHORT_M]:
+        ending, starting = strips.by_node()
+        after, before = starting.get(way.end, []), ending.get(way.start, [])
+        node = f"{way.name}|"
+        if len(ending[way.end]) == 1 and len(after) == 1 and after[0].way is None:
+            lane, share_m = after[0], min(_LENGTH_M, after[0].length_m / 2)
+            part = part_of(lane.line, lane.width_m, 0.0, share_m)
+            lane.line, lane.width_m = part_of(lane.line, lane.width_m, share_m, lane.length_m)
+            way.line, way.width_m = np.concatenate([way.line, part[0]]), np.concatenate([way.width_m, part[1]])
+            way.end = lane.start = node
+        elif len(starting[way.start]) == 1 and len(before) == 1 and before[0].way is None:
+            lane, share_m = before[0], before[0].length_m - min(_LENGTH_M, before[0].length_m / 2)
+            part = part_of(lane.line, lane.width_m, share_m, lane.length_m)
+            lane.line, lane.width_m = part_of(lane.line, lane.width_m, 0.0, share_m)
+            way.line, way.width_m = np.concatenate([part[0], way.line]), np.concatenate([part[1], way.width_m])
+            way.start = lane.end = node
+        elif way.length_m < _LEAST_M:
+            del strips.all[way.name]
 
 
 def _last(name: str | None, into: dict[str, str]) -> str | None:
@@ -225,17 +290,9 @@ def _meet(strips: Strips) -> None:
 
 
 def _smooth(strips: Strips) -> None:
-    """Round corners, and draw ways anew that turn at once."""
-    lanes = [each for each in strips.all.values() if each.way is None]
+    """Leave out points that are not needed, and round corners."""
     for each in strips.all.values():
-        each.line, each.width_m = rounded(each.line, each.width_m)
-    before, after = ({each.end: each.line for each in lanes}, {each.start: each.line for each in lanes})
-    for way in (each for each in strips.all.values() if each.way):
-        start, end = before.get(way.start, way.line), after.get(way.end, way.line)
-        kinks = turn_rad(start[-2:], way.line[:2]), turn_rad(way.line[-2:], end[:2])
-        if max(kinks) > _SHARP_RAD:
-            way.line = curve_between(start[-2:], end[:2])
-            way.width_m = np.linspace(way.width_m[0], way.width_m[-1], len(way.line))
+        each.line, each.width_m = rounded(*simplified(each.line, each.width_m))
 
 
 def _join(strips: Strips) -> None:
@@ -272,3 +329,12 @@ def _tail(strip: Strip) -> Strip:
     strip.line, strip.width_m = part_of(strip.line, strip.width_m, 0.0, length_m - _JOIN_M)
     strip.end, strip.yields = node, None
     return tail
+
+
+def conflicts_of(ways: Sequence[Strip]) -> list[tuple[int, int]]:
+    """Return pairs of numbers of ways from different lanes that cross or join."""
+    points = [spaced(each.line, _STEP_M)[:, :2] for each in ways]
+    owner = np.repeat(np.arange(len(ways)), [len(each) for each in points])
+    pairs = owner[cKDTree(np.concatenate(points)).query_pairs(_NEAR_M, output_type="ndarray")]
+    found = sorted({(int(a), int(b)) for a, b in np.unique(np.sort(pairs, axis=1), axis=0)})
+    return [(a, b) for a, b in found if ways[a].start != ways[b].start]
