@@ -56,7 +56,7 @@ def rounded(line: Floats, width_m: Floats) -> tuple[Floats, Floats]:
     line, width_m = _blunt(line[kept], width_m[kept])
     for _ in range(2):
         along = along_of(line)
-        sharp = 1 + np.flatnonzero(_turns(line) > _CORNER_RAD)
+        sharp = 1 + np.flatnonzero(turns_rad(line) > _CORNER_RAD)
         reach_m = np.minimum(np.minimum(np.diff(along)[sharp - 1], np.diff(along)[sharp]) / 3, _CORNER_M)
         sharp, reach_m = sharp[reach_m > _NEAR_M], reach_m[reach_m > _NEAR_M]
         at = np.sort(np.concatenate([np.delete(along, sharp), along[sharp] - reach_m, along[sharp] + reach_m]))
@@ -65,7 +65,7 @@ def rounded(line: Floats, width_m: Floats) -> tuple[Floats, Floats]:
     return line, width_m
 
 
-def _turns(line: Floats) -> Floats:
+def turns_rad(line: Floats) -> Floats:
     """Return by how much a line (K, 3) turns at its inner points (K - 2,), rad."""
     step = np.diff(line[:, :2], axis=0)
     heading = exact.arctan2(step[:, 1], step[:, 0])
@@ -76,7 +76,7 @@ def _blunt(line: Floats, width_m: Floats) -> tuple[Floats, Floats]:
     """Leave out the points of corners that are too sharp and too near to another point to be cut."""
     while len(line) > 2:
         steps = exact.norm(np.diff(line[:, :2], axis=0))
-        worst = np.where(np.minimum(steps[1:], steps[:-1]) < _SHORT_M, _turns(line), 0.0)
+        worst = np.where(np.minimum(steps[1:], steps[:-1]) < _SHORT_M, turns_rad(line), 0.0)
         if worst.max() < _SHARP_RAD:
             break
         left = np.arange(len(line)) != 1 + int(np.argmax(worst))

@@ -8,13 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from coopsim.data.maps.check import driven_lanes
-from coopsim.data.maps.place.lines import along_of, curve_between, part_of, rounded, simplified, spaced, turn_rad
+from coopsim.data.maps.place.lines import (
+    along_of,
+    curve_between,
+    part_of,
+    rounded,
+    simplified,
+    spaced,
+    turn_rad,
+    turns_rad,
+)
 from coopsim.data.maps.street_map import StreetLane, StreetMap, StreetWay, Turn
 from coopsim.geometry.se3 import Floats
 
@@ -23,7 +32,7 @@ _LENGTH_M, _LEAST_M = 10.0, 1.0  # that ways which are as short take of a lane; 
 _SAME_M = 20.0  # shorter lanes take the limit of the lane that they become a part of
 _JOIN_M, _APART_M = 30.0, 45.0  # of lanes that join: the last metres, where lanes are this long
 _SHIFT = 10.0  # metres ahead for each metre aside, where a lane opens or closes
-_SHARP_RAD, _AHEAD_M = np.radians(35.0), 2.0
+_SHARP_RAD, _KINK_RAD, _AHEAD_M = np.radians(35.0), np.radians(44.0), 2.0
 _NEAR_M, _STEP_M = 2.5, 1.0  # ways over a junction that come nearer than this conflict
 
 
@@ -290,9 +299,23 @@ def _meet(strips: Strips) -> None:
 
 
 def _smooth(strips: Strips) -> None:
-    """Leave out points that are not needed, and round corners."""
+    """Leave out points that are not needed, round corners, and part strips where the way turns too sharply."""
     for each in strips.all.values():
         each.line, each.width_m = rounded(*simplified(each.line, each.width_m))
+    lanes = [each for each in strips.all.values() if each.way is None]
+    before, after = ({each.end: each.line[-2:] for each in lanes}, {each.start: each.line[:2] for each in lanes})
+    for way in [each for each in strips.all.values() if each.way]:
+        start, end = before.get(way.start, way.line[:2]), after.get(way.end, way.line[-2:])
+        if max(turn_rad(start, way.line[:2]), turn_rad(way.line[-2:], end)) > _SHARP_RAD:
+            way.line = curve_between(way.line[0], start[1] - start[0], way.line[-1], end[1] - end[0])
+            way.width_m = np.linspace(way.width_m[0], way.width_m[-1], len(way.line))
+            if turns_rad(way.line).max() > _KINK_RAD:
+                del strips.all[way.name]
+    ending, starting = strips.by_node()
+    for node, found in ending.items():
+        for each, other in product(found, starting.get(node, ())):
+            if turn_rad(each.line[-2:], other.line[:2]) > _KINK_RAD:
+                other.start = f"{node}:{other.name}"
 
 
 def _join(strips: Strips) -> None:
