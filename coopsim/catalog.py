@@ -148,6 +148,8 @@ def is_scenario_file(name: object) -> bool:
 
 def is_place_file(name: object) -> bool:
     """Return whether `name` is the path of a file of places, see `coopsim.world.drawn_places.is_place_file`."""
+    if "." not in str(name):  # as names of scenarios: the world need not be loaded
+        return False
     found: bool = importlib.import_module("coopsim.world.drawn_places").is_place_file(name)
     return found
 

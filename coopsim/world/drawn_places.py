@@ -60,7 +60,7 @@ DRAWN: Registry[type[DrawnPlaces]] = Registry("drawn place", home="coopsim.world
 PLACE_FILES: Registry[Callable[[str], DrawnPlaces]] = Registry(
     "file of places", home="coopsim.data.maps.place.scenarios"
 )
-"""Makers of drawers of places from the path of a file, by how the file's name ends, before ".gz" and in small letters."""
+"""Makers of drawers of places from the path of a file, by how its name ends, before ".gz" and in small letters."""
 
 
 def is_place_file(scenario: object) -> bool:
