@@ -69,7 +69,7 @@ def drive(scenario: Scenario, seed: int, seconds: float, radius_m: float, told: 
             if abs(aside) > lane.width / 2 and 0 <= along <= lane.length:
                 off.add(int(rows["id"][n]))
         seen |= set(rows["id"][moving].tolist())
-        out = np.hypot(rows["x"], rows["y"])[list(traffic.connected)] > radius_m + 5.0
+        out = np.hypot(rows["x"], rows["y"])[list(traffic.connected)] > radius_m + 25.0
         found["connected cars outside"] = max(found["connected cars outside"], int(out.sum()))
     found["crashed vehicles"], found["vehicles off their lane"] = len(crashed), len(off)
     found["vehicles"] = int(moving.sum())
