@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
 from coopsim.config.annotated import Point
+from coopsim.data.maps.place.lights import signals_of
 from coopsim.data.maps.place.lines import heading_of
-from coopsim.data.maps.place.rights import add_yields, signals_of
+from coopsim.data.maps.place.rights import add_yields
 from coopsim.data.maps.place.strips import Strip, Strips, strips_of
 from coopsim.data.maps.street_map import StreetMap
 from coopsim.geometry import exact
@@ -40,7 +40,7 @@ def describe_place(streets: StreetMap, seed: int) -> PlaceDescription:
     return PlaceDescription(
         nodes=nodes,
         roads=(*roads, *_loops(strips)),
-        signals=signals_of(streets, ways, seed),
+        signals=signals_of(streets, ways, {}, seed),
         cut=True,
         drones_around=(0.0, 0.0),
     )
@@ -113,8 +113,3 @@ def _endless_m(strips: Strips) -> float:
             return sum(each.length_m for each in kept.values())
         for name in ended:
             del kept[name]
-
-
-def with_parts(description: PlaceDescription, parts: Mapping[str, object]) -> PlaceDescription:
-    """Return a description with further fields."""
-    return replace(description, **parts)
