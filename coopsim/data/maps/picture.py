@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from coopsim.data.maps.street_map import DRIVEN, StreetMap
-from coopsim.geometry import exact
+from coopsim.data.maps.street_map import DRIVEN, StreetMap, edges_of
 from coopsim.geometry.se3 import Floats
 from coopsim.viz.palette import RGB
 from coopsim.viz.portrait import require_picture
@@ -43,10 +42,8 @@ _SIGNAL_PX = 3
 
 def ribbon(line: Floats, width_m: Floats) -> Floats:
     """Return the outline (2K, 2) of a lane from its middle (K, 3) and width (K,)."""
-    step = np.gradient(line[:, :2], axis=0)
-    ahead = step / np.maximum(exact.norm(step, keepdims=True), 1e-9)
-    side = np.column_stack([-ahead[:, 1], ahead[:, 0]]) * (width_m / 2)[:, None]
-    return np.concatenate([line[:, :2] + side, (line[:, :2] - side)[::-1]])
+    left, right = edges_of(line, width_m)
+    return np.concatenate([left, right[::-1]])
 
 
 def draw_map(streets: StreetMap) -> Image.Image:

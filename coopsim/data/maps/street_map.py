@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 
@@ -27,6 +29,14 @@ DRIVEN: tuple[LaneKind, ...] = ("drive", "bus")
 def length_of(line: Floats) -> float:
     """Return the length, m, of a line (K, 3) in the plane."""
     return float(exact.norm(line[1:, :2] - line[:-1, :2]).sum())
+
+
+def edges_of(line: Floats, width_m: Floats) -> tuple[Floats, Floats]:
+    """Return the left and right edges (K, 2) of a strip, from its middle (K, 2 or more) and width (K,)."""
+    step = np.gradient(line[:, :2], axis=0)
+    ahead = step / np.maximum(exact.norm(step, keepdims=True), 1e-9)
+    side = np.column_stack([-ahead[:, 1], ahead[:, 0]]) * (width_m / 2)[:, None]
+    return line[:, :2] + side, line[:, :2] - side
 
 
 @dataclass(frozen=True, slots=True, eq=False)

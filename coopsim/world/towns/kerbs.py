@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from coopsim.geometry import exact
+from coopsim.geometry.outlines import distances_to_lines
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
-from coopsim.world.towns.geometry import distances_to_lines
 from coopsim.world.towns.plan import LANE_M, LOOP_RADIUS_M, LOOP_REACH_M, Junction, Plan, Street
 
 STRIP_M = 2.5

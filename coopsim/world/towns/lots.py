@@ -7,11 +7,11 @@ from itertools import pairwise
 import numpy as np
 
 from coopsim.geometry import exact
+from coopsim.geometry.outlines import keep_corners
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 from coopsim.world.places.layout import rectangle
 from coopsim.world.towns.buildings import CHURCH, KINDS, LotKind, Part, draw_kind
-from coopsim.world.towns.geometry import keep_corners
 from coopsim.world.towns.kerbs import CORNER, LOOP, STREET
 from coopsim.world.towns.site import Frame, Site, frame_between
 

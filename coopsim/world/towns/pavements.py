@@ -8,11 +8,11 @@ import numpy as np
 
 from coopsim.config.annotated import Point
 from coopsim.geometry import exact
+from coopsim.geometry.outlines import keep_corners
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.types import Ints
 from coopsim.world.places.description import MapWays, point_of
-from coopsim.world.towns.geometry import keep_corners
 from coopsim.world.towns.kerbs import CORNER, STREET, Round
 from coopsim.world.towns.plan import Junction, Plan, Street
 

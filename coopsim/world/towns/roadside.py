@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from coopsim.geometry import exact
+from coopsim.geometry.outlines import convex_pieces, distances_to_lines, keep_corners
 from coopsim.geometry.se3 import Floats
 from coopsim.world.places.description import MapBay, MapHump, MapPatch, MapTree, MapUnit, line_of, point_of
 from coopsim.world.places.layout import rectangle
 from coopsim.world.towns.buildings import Part
-from coopsim.world.towns.geometry import convex_pieces, distances_to_lines, keep_corners
 from coopsim.world.towns.kerbs import CORNER, STREET, STRIP_M, Round, corner_kerb
 from coopsim.world.towns.pavements import PeopleWays
 from coopsim.world.towns.plan import LANE_M, Street

@@ -11,6 +11,7 @@ import numpy as np
 
 from coopsim.config.annotated import Point
 from coopsim.geometry import exact
+from coopsim.geometry.outlines import keep_corners
 from coopsim.support.rng import stream
 from coopsim.world.custom.place import build_place
 from coopsim.world.drawn_options import TownOptions
@@ -20,7 +21,6 @@ from coopsim.world.places.layout import Layout
 from coopsim.world.population import Population
 from coopsim.world.scenario import Place
 from coopsim.world.towns import roadside
-from coopsim.world.towns.geometry import keep_corners
 from coopsim.world.towns.kerbs import corner_kerb, kerb_lines_of, trace_rounds
 from coopsim.world.towns.lots import build_corners, build_frontages
 from coopsim.world.towns.pavements import PeopleWays, cross_at_junctions, cross_between, describe_ways

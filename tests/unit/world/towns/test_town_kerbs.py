@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
+from coopsim.geometry.outlines import distances_to_lines
 from coopsim.world.drawn_options import TownOptions
-from coopsim.world.towns.geometry import distances_to_lines
 from coopsim.world.towns.kerbs import CORNER, LOOP, STREET, kerb_lines_of, trace_rounds
 from coopsim.world.towns.planning import draw_plan
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from shapely import LineString, Point, Polygon
 
+from coopsim.geometry.outlines import convex_pieces, distances_to_lines, keep_corners
 from coopsim.geometry.taken_ground import TakenGround
 from coopsim.world.places.layout import rectangle
-from coopsim.world.towns.geometry import convex_pieces, distances_to_lines, keep_corners
 
 
 def test_distances_are_to_the_nearest_edge_of_all_lines():
