@@ -7,6 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from coopsim.config.annotated import Point
+from coopsim.data.maps.dress.surroundings import surroundings_of
+from coopsim.data.maps.place.clear import clear_of_roads
 from coopsim.data.maps.place.lights import signals_of
 from coopsim.data.maps.place.lines import heading_of
 from coopsim.data.maps.place.rights import add_yields
@@ -25,24 +27,25 @@ _ROOM_M = 300.0  # of lanes without end, on which connected cars can stay
 
 
 def describe_place(streets: StreetMap, seed: int) -> PlaceDescription:
-    """Describe the place of a map that is cut out: its roads, right of way and lights.
+    """Describe the place of a map that is cut out: its roads, right of way, lights, and what is beside the roads.
 
     Args:
         streets: the part of a map, see `coopsim.data.maps.place.cut.cut_out`.
-        seed: decides the lights that the file has no program for.
+        seed: decides the lights that the file has no program for, and what the map lacks beside the roads.
     """
+    beside = surroundings_of(streets, seed)
     strips = strips_of(streets)
     ways = [each for each in strips.all.values() if each.way is not None]
     add_yields(streets, ways)
     nodes = _nodes(strips)
     order = sorted(strips.all.values(), key=lambda each: float(exact.norm(each.line[:, :2].mean(axis=0))))
-    roads = [_lane(each, strips) for each in order]
+    roads, loops = [_lane(each, strips) for each in order], _loops(strips)
     return PlaceDescription(
         nodes=nodes,
-        roads=(*roads, *_loops(strips)),
-        signals=signals_of(streets, ways, {}, seed),
+        roads=(*roads, *loops),
+        signals=signals_of(streets, ways, beside.crosswalks, seed),
         cut=True,
-        drones_around=(0.0, 0.0),
+        **clear_of_roads(beside.fields, strips.all.values(), loops, nodes),
     )
 
 

@@ -37,7 +37,7 @@ RADII_M = (60.0, 600.0)
 """Accepted radii of places."""
 
 _KEPT_MAPS, _KEPT_PLACES = 2, 4
-_USUAL = Population(vehicles=30, pedestrians=15, connected_cars=3, rsus=0, parked=40, bicycles=4)
+_USUAL = Population(vehicles=30, pedestrians=15, connected_cars=3, rsus=1, parked=40, bicycles=4)
 _FREE_SHARE = 0.6  # of starts: no more are taken
 
 

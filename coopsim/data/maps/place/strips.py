@@ -223,7 +223,7 @@ def _chain(strips: Strips) -> None:
 
 
 def _make_lanes(strips: Strips) -> None:
-    """Make lanes of ways without lights that meet no other way of their junction."""
+    """Make lanes of ways without lights that lead straight on, and meet no other way of their junction."""
     inside: dict[str, list[Strip]] = {}
     for each in strips.all.values():
         if each.way:
@@ -231,7 +231,8 @@ def _make_lanes(strips: Strips) -> None:
     for ways in inside.values():
         met = {number for pair in conflicts_of(ways) for number in pair}
         for number, each in enumerate(ways):
-            if number not in met and each.way and each.way.program is None and not each.way.signals:
+            lit = each.way is None or each.way.program is not None or each.way.signals
+            if number not in met and not lit and each.turn == "straight":
                 each.way = None
 
 
