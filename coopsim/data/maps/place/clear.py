@@ -27,7 +27,7 @@ def clear_of_roads(
 ) -> dict[str, Any]:
     """Return fields of a description without parts that are too near to lanes, or to loops to turn round in."""
     tree = cKDTree(np.concatenate([spaced(each.line, _STEP_M)[:, :2] for each in strips]))
-    discs = np.array([disc for loop in loops for disc in _discs(loop, nodes)]).reshape(-1, 3)
+    discs = np.array([disc for loop in loops for disc in _ground(loop, nodes)]).reshape(-1, 3)
     found = dict(fields)
     for name, least_m in _LEAST_M.items():
         parts = [each for each in fields.get(name, ()) if name != "paved" or each.kind == "pavement"]
@@ -43,14 +43,20 @@ def clear_of_roads(
     return found
 
 
-def _discs(loop: MapLane, nodes: Mapping[str, Any]) -> Floats:
-    """Return the ground (2, 3) that a loop takes: middles of discs, x and y, and their radii, m."""
-    start, end = np.array(nodes[loop.start]), np.array(nodes[loop.end])
+def _ground(loop: MapLane, nodes: Mapping[str, Any]) -> Floats:
+    return loop_ground(np.array(nodes[loop.start]), np.array(nodes[loop.end]), _SIDE_M)
+
+
+def loop_ground(start: Floats, end: Floats, side_m: float) -> Floats:
+    """Return the ground (2, 3) that a loop from a point (2,) to another takes: discs, x, y and radius, m.
+
+    `side_m` is from the middle of its lanes to their side. The first disc is that of the bend.
+    """
     wide_m = float(exact.norm(end - start))
     ahead = np.array([end[1] - start[1], start[0] - end[0]]) / max(wide_m, 1e-9)
     (reach_m, _), (radius_m, *_) = turning_loop(wide_m / 2)[1]
     far, near = (start + end) / 2 + reach_m * ahead, (start + end) / 2 + reach_m / 2 * ahead
-    return np.array([[*far, radius_m + _SIDE_M], [*near, max(wide_m / 2, reach_m / 2) + _SIDE_M]])
+    return np.array([[*far, radius_m + side_m], [*near, max(wide_m / 2, reach_m / 2) + side_m]])
 
 
 def _points(part: Any) -> Floats:

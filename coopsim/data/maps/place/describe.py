@@ -8,9 +8,9 @@ import numpy as np
 
 from coopsim.config.annotated import Point
 from coopsim.data.maps.dress.surroundings import surroundings_of
-from coopsim.data.maps.place.clear import clear_of_roads
+from coopsim.data.maps.place.clear import clear_of_roads, loop_ground
 from coopsim.data.maps.place.lights import signals_of
-from coopsim.data.maps.place.lines import heading_of
+from coopsim.data.maps.place.lines import heading_of, spaced
 from coopsim.data.maps.place.rights import add_yields
 from coopsim.data.maps.place.strips import Strip, Strips, strips_of
 from coopsim.data.maps.street_map import StreetMap
@@ -89,6 +89,7 @@ def _loops(strips: Strips) -> list[MapLane]:
     ending, starting = strips.by_node()
     if _endless_m(strips) >= _ROOM_M:
         return []
+    lanes = {each.name: spaced(each.line, 1.0)[:, :2] for each in strips.all.values()}
     exits = [each for node, found in ending.items() if node not in starting for each in found if each.way is None]
     entries = [each for node, found in starting.items() if node not in ending for each in found if each.way is None]
     loops = []
@@ -99,7 +100,11 @@ def _loops(strips: Strips) -> list[MapLane]:
             across = (coming.line[0] - leaving.line[-1])[:2]
             aside_m = float(exact.dot(across, left))
             opposite = abs(float(wrap_angle(heading_of(coming.line[:2]) - heading))) > _OPPOSITE_RAD
-            if opposite and _LOOP_M[0] < aside_m < _LOOP_M[1] and float(exact.norm(across)) < 1.02 * aside_m:
+            if not opposite or not _LOOP_M[0] < aside_m < _LOOP_M[1] or float(exact.norm(across)) > 1.02 * aside_m:
+                continue
+            (*middle, radius_m), _ = loop_ground(leaving.line[-1, :2], coming.line[0, :2], 0.0)
+            others = np.concatenate([lanes[name] for name in lanes if name not in (leaving.name, coming.name)] or [[]])
+            if not len(others) or float(exact.norm(others - np.array(middle)).min()) > radius_m:
                 loops.append(MapLane(leaving.end, coming.start, turn="around"))
                 entries.remove(coming)
                 break

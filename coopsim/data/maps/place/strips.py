@@ -31,6 +31,7 @@ _SHORT_M = 3.0  # shorter lanes become parts of the ways that lead to them
 _LENGTH_M, _LEAST_M = 10.0, 1.0  # that ways which are as short take of a lane; shortest way
 _SAME_M = 20.0  # shorter lanes take the limit of the lane that they become a part of
 _JOIN_M, _APART_M = 30.0, 45.0  # of lanes that join: the last metres, where lanes are this long
+_BESIDE_M = 8.0  # between the ends of lanes beside each other
 _SHIFT = 10.0  # metres ahead for each metre aside, where a lane opens or closes
 _SHARP_RAD, _KINK_RAD, _AHEAD_M = np.radians(35.0), np.radians(44.0), 2.0
 _NEAR_M, _STEP_M = 2.5, 1.0  # ways over a junction that come nearer than this conflict
@@ -172,10 +173,17 @@ def _open_and_close(strips: Strips) -> None:
                 for each in loose
                 for side in (each.left, each.right)
                 if side in strips.all and (strips.all[side].end if end else strips.all[side].start) in others
+                if _gap_m(each.line, strips.all[side].line, -end)
+                < _BESIDE_M  # and not where the circle cuts one of them
             ]
             if not found:
                 break
             _lead(*found[0], end)
+
+
+def _gap_m(line: Floats, other: Floats, k: int) -> float:
+    """Return the distance between points with the same number of two lines, in the plane."""
+    return float(np.hypot(*(line[k] - other[k])[:2]))
 
 
 def _lead(strip: Strip, beside: Strip, end: int) -> None:
@@ -183,7 +191,7 @@ def _lead(strip: Strip, beside: Strip, end: int) -> None:
     flip = slice(None, None, -1 if end else 1)
     line, width_m = strip.line[flip], strip.width_m[flip]
     node = beside.line[flip][0]
-    aside_m = float(np.hypot(*(line[0] - node)[:2]))
+    aside_m = _gap_m(line, node[None], 0)
     length_m = strip.length_m
     line, width_m = part_of(line, width_m, min(_SHIFT * aside_m, 0.8 * length_m), length_m)
     line, width_m = np.vstack([node, line]), np.concatenate([beside.width_m[flip][:1], width_m])
