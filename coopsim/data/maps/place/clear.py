@@ -15,7 +15,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.world.places.description import MapLane
 from coopsim.world.places.streets import turning_loop
 
-_LEAST_M = {"buildings": 2.3, "walls": 2.3, "trees": 2.3, "rsus": 2.3, "parked": 3.3, "paved": 0.8, "furniture": 2.3}
+_LEAST_M = {"buildings": 2.3, "walls": 2.3, "trees": 2.3, "rsus": 2.3, "parked": 3.3, "paved": 0.8}
 """Least distances from the middles of lanes, by the field of a description; somewhat more than places accept."""
 
 _STEP_M = 0.6
@@ -28,7 +28,7 @@ def clear_of_roads(
     """Return fields of a description without parts that are too near to lanes, or to loops to turn round in."""
     tree = cKDTree(np.concatenate([spaced(each.line, _STEP_M)[:, :2] for each in strips]))
     discs = np.array([disc for loop in loops for disc in _ground(loop, nodes)]).reshape(-1, 3)
-    found = dict(fields)
+    found = {name: part for name, part in fields.items() if name != "furniture"}  # drawn in full detail, all of it
     for name, least_m in _LEAST_M.items():
         parts = [each for each in fields.get(name, ()) if name != "paved" or each.kind == "pavement"]
         if not parts:

@@ -173,8 +173,7 @@ def _open_and_close(strips: Strips) -> None:
                 for each in loose
                 for side in (each.left, each.right)
                 if side in strips.all and (strips.all[side].end if end else strips.all[side].start) in others
-                if _gap_m(each.line, strips.all[side].line, -end)
-                < _BESIDE_M  # and not where the circle cuts one of them
+                if _gap_m(each.line, strips.all[side].line, -end) < _BESIDE_M  # not where one is cut
             ]
             if not found:
                 break

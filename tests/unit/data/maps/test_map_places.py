@@ -13,9 +13,10 @@ from tiny_maps import SUMO, THREE_ROADS, written
 from coopsim.data.maps.place.cut import cut_out
 from coopsim.data.maps.place.describe import describe_place
 from coopsim.data.maps.place.lines import rounded, simplified, turns_rad
+from coopsim.data.maps.place.rights import add_yields
 from coopsim.data.maps.place.strips import strips_of
 from coopsim.data.maps.reading import read_map
-from coopsim.data.maps.street_map import SignalProgram, StreetLane, StreetMap
+from coopsim.data.maps.street_map import SignalProgram, StreetJunction, StreetLane, StreetMap, StreetWay, Turn
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.world.drawn_places import choose_scenarios, find_drawer, is_place_file
 
@@ -84,16 +85,39 @@ def test_a_lane_that_the_circle_cuts_does_not_join_its_neighbour() -> None:
 def test_the_file_says_who_yields(three_roads: StreetMap) -> None:
     roads = {(road.start, road.end): road for road in describe_place(three_roads, 0).roads}
     ahead, right = roads["1.0.-1>", "2.0.-1<"], roads["1.0.-1>", "3.0.-1<"]
-    assert right.yields == (("1.0.-1>", "2.0.-1<"), ("2.0.1>", "1.0.1<")) and ahead.yields == ()
+    assert right.yields == (("1.0.-1>", "2.0.-1<"),) and ahead.yields == ()
     assert all(road.curved for road in roads.values())
 
 
-def test_without_a_word_from_the_file_left_turns_yield_to_oncoming_traffic(three_roads: StreetMap) -> None:
-    junction = replace(three_roads.junctions["9"], yields=None)
-    left = replace(three_roads.ways["1.0.-1>3.0.-1"], turn="left")
-    bare = replace(three_roads, junctions={"9": junction}, ways={**three_roads.ways, left.id: left}, signals=())
-    found = {(road.start, road.end): road.yields for road in describe_place(bare, 0).roads}
-    assert found["1.0.-1>", "3.0.-1<"] == (("2.0.1>", "1.0.1<"),) and found["1.0.-1>", "2.0.-1<"] == ()
+def way(start: str, end: str, turn: Turn, *points: tuple[float, float]) -> StreetWay:
+    line = np.array([[*point, 0.0] for point in points])
+    return StreetWay(f"{start}>{end}", start, end, "j", line, np.full(len(line), 3.5), None, turn)
+
+
+@pytest.mark.parametrize("left_hand", [False, True])
+def test_without_a_word_from_the_file_turns_across_yield_to_oncoming_traffic(left_hand: bool) -> None:
+    side = -1.0 if left_hand else 1.0
+    turn: Turn = "right" if left_hand else "left"
+    lanes = (
+        lane("in", (-60, -2 * side), (0, -2 * side)), lane("out", (20, -2 * side), (80, -2 * side)),
+        lane("coming", (80, 2 * side), (20, 2 * side)), lane("gone", (0, 2 * side), (-60, 2 * side)),
+        lane("up", (12, 12 * side), (12, 60 * side)),
+    )  # fmt: skip
+    corner = ((0.0, -2 * side), (6.0, -1.5 * side), (10.0, 2 * side), (11.5, 6 * side), (12.0, 12 * side))
+    ways = (
+        way("in", "out", "straight", (0, -2 * side), (20, -2 * side)), way("in", "up", turn, *corner),
+        way("coming", "gone", "straight", (20, 2 * side), (0, 2 * side)),
+    )  # fmt: skip
+    streets = replace(
+        map_of(*lanes),
+        ways={each.id: each for each in ways},
+        junctions={"j": StreetJunction("j", "")},
+        left_hand=left_hand,
+    )
+    strips = strips_of(streets)
+    inside = [each for each in strips.all.values() if each.way]
+    add_yields(streets, inside)
+    assert {each.name: each.yields for each in inside} == {"in>up": ("coming>gone",), "coming>gone": ()}
 
 
 def test_a_program_of_the_file_runs_and_an_endless_one_is_replaced(lit: StreetMap) -> None:
