@@ -18,9 +18,7 @@ def way(name: str, *points: tuple[float, float, float]) -> StreetWay:
 
 def street_map(*lanes: StreetLane, ways: tuple[StreetWay, ...] = ()) -> StreetMap:
     by_id = {each.id: each for each in ways}
-    return StreetMap(
-        source="", format="", lanes={each.id: each for each in lanes}, links={}, ways=by_id, junctions={}
-    )
+    return StreetMap(source="", format="", lanes={each.id: each for each in lanes}, links={}, ways=by_id, junctions={})
 
 
 def test_a_bridge_crosses_what_is_far_below_it_and_nothing_else() -> None:
