@@ -18,9 +18,9 @@ _DECIMALS = 3
 def heights_of(streets: StreetMap) -> tuple[tuple[float, float, float], ...]:
     """Return the field `heights` of the description of a place from a map that is cut out: x, y and z, m.
 
-    They are those of the driven lanes and of the ways over junctions, about 8 m apart, with the lowest at 0; empty where
-    the map is flat. The cut must have one level: where lanes cross in height (`coopsim.data.maps.levels`), the ground
-    would be at the mean of both.
+    They are those of the driven lanes and of the ways over junctions, about 8 m apart, with the lowest at 0; empty
+    where the map is flat. The cut must have one level: where lanes cross in height (`coopsim.data.maps.levels`), the
+    ground would be at the mean of both.
     """
     lines = [lane.line for lane in streets.lanes.values() if lane.kind in DRIVEN]
     lines += [way.line for way in streets.ways.values()]

@@ -11,7 +11,7 @@ from coopsim.world.scenario import make_scenario
 from coopsim.world.traffic.asked import GRANTED
 from coopsim.world.world import World
 
-LONGEST_S = 60.0
+LONGEST_S = 110.0
 
 
 def drive(gap_m: float, seed: int, seconds: float, *, priority: bool) -> tuple[int, float, int]:

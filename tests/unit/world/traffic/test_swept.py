@@ -39,8 +39,10 @@ def crashes(turns: Sequence[Turn], line_m: float, monkeypatch: pytest.MonkeyPatc
                 for size, (a, b) in turns
             ),
         )
-        for step in range(300):
+        step = 0
+        while step < 300:
             engine.step(fleet, NOBODY, 0.1, {})
+            step += 1
             left = [network.lane_index[lane][0].startswith("out") for lane in fleet.rows["lane"]]
             if fleet.rows["crashed"].any() or all(left):
                 break
