@@ -69,7 +69,7 @@ def _first_crossing(a: Floats, b: Floats) -> tuple[float, float]:
                 continue
             dx, dy = b[k, 0] - a[i, 0], b[k, 1] - a[i, 1]
             along_a, along_b = (dx * sy - dy * sx) / area, (dx * ry - dy * rx) / area
-            if 0 <= along_a <= 1 and 0 <= along_b <= 1:
-                if abs(a[i, 2] + along_a * rz - b[k, 2] - along_b * sz) > LEVEL_M:
-                    return a[i, 0] + along_a * rx, a[i, 1] + along_a * ry
+            apart_m = abs(a[i, 2] + along_a * rz - b[k, 2] - along_b * sz)
+            if 0 <= along_a <= 1 and 0 <= along_b <= 1 and apart_m > LEVEL_M:
+                return a[i, 0] + along_a * rx, a[i, 1] + along_a * ry
     return np.nan, np.nan

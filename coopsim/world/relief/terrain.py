@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
@@ -82,7 +83,7 @@ class Terrain:
 def _fitted(spots: Floats, low: Floats, high: Floats, stiff: float) -> Floats:
     """Return heights (I, J) m on a grid from `low` on that reaches `high`: coarse first, then ever finer."""
     cells = np.ceil((high - low) / CELL_M).astype(np.int64)
-    heights = np.full((2, 2), spots[:, 2].mean())
+    heights = np.full((2, 2), (spots[:, 2].min() + spots[:, 2].max()) / 2)
     for halvings in range(_COARSENINGS, -1, -1):
         step_m = CELL_M * 2**halvings
         shape = -(-cells // 2**halvings) + 1
@@ -173,16 +174,9 @@ def _corner_shares(x: float, y: float, rows: int, columns: int) -> tuple[int, in
     return i, j, 1 - max(u, v), abs(u - v), min(u, v)
 
 
-@njit(cache=True, nogil=True)
 def _steepest(heights: Floats, at: Floats) -> float:
-    """Return the greatest grade, m per m, of the triangles under places (N, 2) in cells."""
-    most = 0.0
-    for n in range(len(at)):
-        i, j, _, _, _ = _corner_shares(at[n, 0], at[n, 1], heights.shape[0], heights.shape[1])
-        here, far = heights[i, j], heights[i + 1, j + 1]
-        if at[n, 0] - i >= at[n, 1] - j:
-            dx, dy = heights[i + 1, j] - here, far - heights[i + 1, j]
-        else:
-            dx, dy = far - heights[i, j + 1], heights[i, j + 1] - here
-        most = max(most, np.sqrt(dx * dx + dy * dy) / CELL_M)
-    return most
+    """Return the greatest grade, m per m, of the triangles in the cells of places (N, 2) in cells."""
+    i, j = at.astype(np.int64).clip(0, np.array(heights.shape) - 2).T
+    along, aside = np.diff(heights, axis=0), np.diff(heights, axis=1)
+    grades = exact.hypot(along[i, j], aside[i + 1, j]), exact.hypot(along[i, j + 1], aside[i, j])
+    return float(np.maximum(*grades).max()) / CELL_M

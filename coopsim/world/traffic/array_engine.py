@@ -22,7 +22,7 @@ from coopsim.world.traffic.fleet import CHAUFFEURED, PARKED, PEDALLED, TOWN, UNY
 from coopsim.world.traffic.lanes import LaneArrays, NumberedNetwork
 from coopsim.world.traffic.lights import Lights
 from coopsim.world.traffic.motion import SPEED_GAIN_1_S, collide, move, steer
-from coopsim.world.traffic.movements import movements_of
+from coopsim.world.traffic.movements import Movements, movements_of
 from coopsim.world.traffic.neighbours import Scene, list_along_lanes
 from coopsim.world.traffic.right_of_way import grant
 from coopsim.world.traffic.routes import end_of_route, follow_road, plan_ahead
@@ -84,7 +84,7 @@ class ArrayEngine:
         movements = self.lights.movements
         if len(movements.role):
             grant(self._network, fleet.rows, fleet.routes, movements)
-        _act(self._network, fleet.rows, fleet.routes, bodies_of(fleet.rows, people), movements.of_road)
+        _act(self._network, fleet.rows, fleet.routes, bodies_of(fleet.rows, people), movements)
         move(self._network, fleet.rows, dt_s)
         collide(fleet.rows, bodies_of(fleet.rows, people), dt_s)
 
@@ -121,7 +121,7 @@ def closest_speed(speeds: Floats, speed: float) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[Any], movement_of: Ints) -> None:
+def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[Any], movements: Movements) -> None:
     """Decide steering and acceleration of all vehicles."""
     scene = Scene(network, rows, routes, bodies, list_along_lanes(network, bodies))
     for me in range(len(rows)):
@@ -136,7 +136,7 @@ def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[
         elif vehicle.crashed or vehicle.driver == PARKED:
             continue
         elif vehicle.driver in (TOWN, UNYIELDING):
-            vehicle.acceleration = min(max(_drive_in_town(scene, me, movement_of), -ACC_MAX), ACC_MAX)
+            vehicle.acceleration = min(max(_drive_in_town(scene, me, movements), -ACC_MAX), ACC_MAX)
         else:
             plan_ahead(network, vehicle, route)
             follow_road(network, vehicle, route)
@@ -146,14 +146,14 @@ def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _drive_in_town(scene: Scene, me: int, movement_of: Ints) -> float:
+def _drive_in_town(scene: Scene, me: int, movements: Movements) -> float:
     network, vehicle, route = scene.network, scene.rows[me], scene.routes[me]
     plan_ahead(network, vehicle, route)
     leader, leader_m = nearest_on_route(scene, me)
     follow_road(network, vehicle, route)
     plan_ahead(network, vehicle, route)
     acceleration = drive(scene, me, leader, leader_m)
-    line_m = stop_line_m(network, vehicle, route, movement_of)
+    line_m = stop_line_m(network, vehicle, route, movements)
     if line_m < np.inf:
         acceleration = min(acceleration, stop_at(scene, me, line_m))
     if vehicle.ends and network.roads[route[vehicle.route_length - 1, 0]].ways == 0:

@@ -18,7 +18,7 @@ from coopsim.types import Ints
 from coopsim.world.traffic.fleet import CHAUFFEURED, UNYIELDING, Vehicle
 from coopsim.world.traffic.lane_geometry import local_coordinates
 from coopsim.world.traffic.lanes import POLYLINE, LaneArrays
-from coopsim.world.traffic.movements import Movements
+from coopsim.world.traffic.movements import FIRST, Movements
 from coopsim.world.traffic.routes import lane_of_route, start_of_route
 from coopsim.world.traffic.rules import VEHICLE_LENGTH_M, extra_gap
 
@@ -30,7 +30,7 @@ LOST = -2  # ticket of a vehicle that must give way, had a grant and asks again:
 AT_ONCE = 5
 """Movements of one vehicle: the one that its tail is leaving, the one that it asks for, those behind short lanes."""
 
-_STAND_M = 10.0  # from the middle of a waiting car to its line
+_STAND_M = 11.5  # from the middle of a waiting car to its line, at most
 _STOP_M, _STOP_M_S2 = 9.0, 3.0  # a lane is long enough to stop in from: this, and the way of this braking
 
 _STOPPING_M_S2, _BEFORE_LINE_M = 4.0, 2.0  # braking for a light, and where the middle of a vehicle would then stand
@@ -54,37 +54,35 @@ def can_stop(vehicle: Vehicle, line_m: float) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def is_short(network: LaneArrays, vehicle: Vehicle, road: int) -> bool:
-    """Return whether a vehicle that waits at the end of a road would still stand in the movement before it."""
+def is_short(network: LaneArrays, vehicle: Vehicle, road: int, back_m: float) -> bool:
+    """Return whether a vehicle that waits so far back on a road would still stand in the movement before it."""
     lane = network.lanes[network.roads[road].first_lane]
-    stand_m = _STAND_M + extra_gap(vehicle.length, VEHICLE_LENGTH_M) + vehicle.length / 2
+    stand_m = _STAND_M + back_m + extra_gap(vehicle.length, VEHICLE_LENGTH_M) + vehicle.length / 2
     return bool(lane.kind == POLYLINE and lane.length < stand_m)
 
 
 @njit(cache=True, nogil=True)
-def _next_at_once(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: Ints, k: int) -> int:
+def _next_at_once(network: LaneArrays, vehicle: Vehicle, route: Ints, movements: Movements, k: int) -> int:
     """Return the place in the route of the movement that a vehicle needs together with that at place `k`; -1: none."""
-    for place in (k + 1, k + 2):
-        if place >= vehicle.route_length:
-            return -1
-        if movement_of[route[place, 0]] >= 0:
-            return place if network.lanes[network.roads[route[place, 0]].first_lane].kind == POLYLINE else -1
-        if not is_short(network, vehicle, route[place, 0]):
-            return -1
-    return -1
+    if k + 1 >= vehicle.route_length:
+        return -1
+    if movements.of_road[route[k + 1, 0]] >= 0:
+        return k + 1 if network.lanes[network.roads[route[k + 1, 0]].first_lane].kind == POLYLINE else -1
+    beyond = movements.of_road[route[k + 2, 0]] if k + 2 < vehicle.route_length else -1
+    return k + 2 if beyond >= 0 and is_short(network, vehicle, route[k + 1, 0], movements.back_m[beyond]) else -1
 
 
 @njit(cache=True, nogil=True)
 def movements_of_all(
     network: LaneArrays, rows: NDArray[Any], routes: Ints, movements: Movements
-) -> tuple[Ints, Floats, Ints]:
-    """Return the movements (N, `AT_ONCE`) of all vehicles, -1: none, how far along each its tail is (m), and the place
-    in its route (N,) of the last one.
+) -> tuple[Ints, Floats, Ints, Ints]:
+    """Return what all vehicles ask for.
 
-    A vehicle loses its grant if one of them is closed, and it can stop.
+    That is their movements (N, `AT_ONCE`), -1: none; how far along each the tail is (m); the place in its route (N,) of
+    the last one; and the role (N,) of all together. Who can still stop loses the grant where one of them is closed.
     """
     asked, tail_m = np.full((len(rows), AT_ONCE), -1), np.zeros((len(rows), AT_ONCE))
-    last = np.full(len(rows), -1)
+    last, role = np.full(len(rows), -1), np.full(len(rows), FIRST)
     for i in range(len(rows)):
         vehicle, route = rows[i], routes[i]
         half_m = vehicle.length / 2
@@ -103,7 +101,8 @@ def movements_of_all(
             movement = movements.of_road[route[k, 0]]
             asked[i, slot], tail_m[i, slot], last[i] = movement, -distance_m - half_m, k
             closed |= movements.closed[movement]
-            k = _next_at_once(network, vehicle, route, movements.of_road, k)
+            role[i] = min(role[i], movements.role[movement])
+            k = _next_at_once(network, vehicle, route, movements, k)
             if k < 0:
                 break
             while place < k:
@@ -112,24 +111,25 @@ def movements_of_all(
         obeys = vehicle.driver != CHAUFFEURED and vehicle.driver != UNYIELDING
         if closed and obeys and vehicle.ticket == GRANTED and can_stop(vehicle, line_m):
             vehicle.ticket = LOST
-    return asked, tail_m, last
+    return asked, tail_m, last, role
 
 
 @njit(cache=True, nogil=True)
-def stop_line_m(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: Ints) -> float:
+def stop_line_m(network: LaneArrays, vehicle: Vehicle, route: Ints, movements: Movements) -> float:
     """Return the distance to the line at which a vehicle has to stop as things are, m; infinite if there is none.
 
     On a movement it is the next one, if the lane before it is too short to stop in from this speed.
     """
+    movement_of = movements.of_road
     k, line_m = line_ahead(network, vehicle, route, movement_of)
     if vehicle.ticket > GRANTED and line_m > 0:
-        return line_m
+        return line_m - movements.back_m[vehicle.movement]
     if vehicle.ticket != GRANTED or k != 0:
         return np.inf
-    last = _next_at_once(network, vehicle, route, movement_of, k)
+    last = _next_at_once(network, vehicle, route, movements, k)
     while last >= 0:
         k = last
-        last = _next_at_once(network, vehicle, route, movement_of, k)
+        last = _next_at_once(network, vehicle, route, movements, k)
     if k + 2 >= vehicle.route_length or movement_of[route[k + 1, 0]] >= 0 or movement_of[route[k + 2, 0]] < 0:
         return np.inf
     lane = network.lanes[network.roads[route[k + 1, 0]].first_lane]
@@ -137,4 +137,4 @@ def stop_line_m(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of:
         return np.inf
     for place in range(k + 2):
         line_m += network.lanes[lane_of_route(network, vehicle, route, place)].length
-    return line_m
+    return line_m - movements.back_m[movement_of[route[k + 2, 0]]]

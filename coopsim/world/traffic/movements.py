@@ -126,6 +126,7 @@ class Movements(NamedTuple):
         road: (K,) the road of each.
         clear_m: (K, K) m, see `clearances`.
         long_clear_m: (K, K) m, the same where one of the two vehicles is long.
+        back_m: (K,) m, how far back from their lines vehicles have to wait.
         role: (K,) `FIRST`, `USUAL` or `YIELDS`.
         exit: (K,) node that a movement leads to.
         yields: (K, K) whether the first gives way to the second.
@@ -139,6 +140,7 @@ class Movements(NamedTuple):
     road: Ints
     clear_m: Floats
     long_clear_m: Floats
+    back_m: Floats
     role: Ints
     exit: Ints
     yields: Mask
@@ -184,5 +186,6 @@ def movements_of(
         role = np.where(yields.any(axis=1), YIELDS, np.where(first | yields.any(axis=0), FIRST, USUAL))
     none = np.zeros(len(roads), np.bool_)
     braking_m_s2 = BRAKING_M_S2 if given or lights else np.inf
-    road, long_clear_m = np.array(numbers, dtype=np.int64), clearances_of_long(network.source, roads, clear_m)
-    return Movements(of_road, road, clear_m, long_clear_m, role, exits, yields, none, none, braking_m_s2)
+    road = np.array(numbers, dtype=np.int64)
+    long_clear_m, back_m = clearances_of_long(network.source, roads, clear_m)
+    return Movements(of_road, road, clear_m, long_clear_m, back_m, role, exits, yields, none, none, braking_m_s2)

@@ -61,17 +61,16 @@ def grant(network: LaneArrays, rows: NDArray[Any], routes: Ints, movements: Move
     for i in range(len(rows)):
         plan_ahead(network, rows[i], routes[i])
         line_m[i], node[i] = _ask(network, rows[i], routes[i], movements)
-    asked, tail_m, last = movements_of_all(network, rows, routes, movements)
-    held, short = _revoke(network, rows, routes, movements, (line_m, node), last)
+    asked, tail_m, last, role = movements_of_all(network, rows, routes, movements)
+    held, short = _revoke(network, rows, routes, movements, (line_m, node), last, role)
     _number_new_askers(rows)
     waiting = _in_order(rows)
     _serve_nearest_first(rows, waiting, line_m, node)
     before = [i for i in range(len(rows)) if rows[i].ticket == GRANTED]
     for i in waiting:
-        first, clears, closed = True, False, False
+        first, clears, closed = role[i] == FIRST, False, False
         for movement in asked[i, 1:]:
             if movement >= 0:
-                first &= movements.role[movement] == FIRST
                 clears |= movements.clears[movement]
                 closed |= movements.closed[movement]
         if closed:
@@ -82,7 +81,7 @@ def grant(network: LaneArrays, rows: NDArray[Any], routes: Ints, movements: Move
         before.append(i)
         for movement in asked[i, 1:]:
             if movement >= 0 and movements.role[movement] == YIELDS:
-                barred |= _must_give_way(network, rows, routes, movements, held, i, movement)
+                barred |= _must_give_way(network, rows, routes, movements, held, role, i, movement)
         has_way = first and not clears
         if not barred and not held[i] and (has_way or _has_space(network, rows, routes, movements, last, i)):
             rows[i].ticket = GRANTED
@@ -125,7 +124,7 @@ def _ask(network: LaneArrays, vehicle: Vehicle, route: Ints, movements: Movement
         vehicle.movement, vehicle.ticket = -1, -1
         return -np.inf, -1
     movement = movements.of_road[route[k, 0]]
-    on_short = k == 1 and is_short(network, vehicle, route[0, 0])
+    on_short = k == 1 and is_short(network, vehicle, route[0, 0], movements.back_m[movement])
     if movement != vehicle.movement:
         kept = on_short or (k == 0 and network.lanes[network.roads[route[0, 0]].first_lane].kind == POLYLINE)
         vehicle.movement, vehicle.ticket = movement, GRANTED if was >= 0 and kept else -1
@@ -139,22 +138,28 @@ def _ask(network: LaneArrays, vehicle: Vehicle, route: Ints, movements: Movement
 
 @njit(cache=True, nogil=True)
 def _revoke(
-    network: LaneArrays, rows: NDArray[Any], routes: Ints, movements: Movements, lines: tuple[Floats, Ints], last: Ints
+    network: LaneArrays,
+    rows: NDArray[Any],
+    routes: Ints,
+    movements: Movements,
+    lines: tuple[Floats, Ints],
+    last: Ints,
+    role: Ints,
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Revoke grants that cannot be used; those vehicles keep their place before all waiting ones.
 
     Return masks (N,): vehicles that wait for space behind the junction, those in line behind them, and those with
     priority that are in line behind one that gives way; and the first of these alone.
     """
-    role, (line_m, node) = movements.role, lines
+    line_m, node = lines
     held, short = np.zeros(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
     for i in range(len(rows)):
-        if rows[i].movement < 0 or rows[i].ticket == GRANTED or role[rows[i].movement] == FIRST:
+        if rows[i].movement < 0 or rows[i].ticket == GRANTED or role[i] == FIRST:
             continue
         short[i] = not _has_space(network, rows, routes, movements, last, i)
         for other in range(len(rows)):
             if node[other] == node[i] and line_m[other] >= line_m[i]:
-                held[other] |= short[i] or role[rows[other].movement] == FIRST
+                held[other] |= short[i] or role[other] == FIRST
     may = held & (rows["ticket"] == GRANTED) & (line_m > 0)
     may &= (rows["driver"] != CHAUFFEURED) & (rows["driver"] != UNYIELDING)
     may |= rows["ticket"] == LOST
@@ -246,20 +251,16 @@ def _must_give_way(
     routes: Ints,
     movements: Movements,
     held: NDArray[np.bool_],
+    role: Ints,
     me: int,
     mine: int,
 ) -> bool:
     """Return whether a vehicle approaches a movement to which mine gives way, by any way, and is not past it yet."""
-    role = movements.role
     yields, clear_m = movements.yields[mine], movements.clear_m[mine]
     for other in range(len(rows)):
         vehicle, route = rows[other], routes[other]
-        if (
-            other == me
-            or vehicle.driver == PARKED
-            or held[other]
-            or (vehicle.ticket > GRANTED and role[vehicle.movement] != FIRST)
-        ):
+        late = vehicle.ticket > GRANTED and role[other] != FIRST
+        if other == me or vehicle.driver == PARKED or held[other] or late:
             continue
         distance_m = start_of_route(network, vehicle, route)
         for k in range(vehicle.route_length):

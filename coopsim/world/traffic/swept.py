@@ -21,29 +21,31 @@ _STEP_M = 1.0
 _BEYOND = 13  # points before a movement and behind it: the longest vehicle reaches so far
 _GAP_M = 0.3  # to keep between two
 _SAME_WAY = 0.7  # cosine
+_CAR_M, _WAITING_M = 1.0, 7.0  # half the width of a waiting car, and from its front to its line
 _BUS = np.array([6.15, 3.1, 3.1, 1.3])
 """From the point that is led along the lane to the rear axle, from there to the rear, from the point to the front, and
 half the width, m: of the longest bus, 12.3 m."""
 _TRUCK = np.array([4.8, 0.0, 4.8, 1.3])  # 9.6 m
 
 
-def clearances_of_long(network: RoadNetwork, movements: Sequence[Road], clear_m: Floats) -> Floats:
+def clearances_of_long(network: RoadNetwork, movements: Sequence[Road], clear_m: Floats) -> tuple[Floats, Floats]:
     """Return clearances (K, K) m where one of the two vehicles is long, from those of cars (see `clearances`).
 
-    They differ where one of the two movements is curved (a `PolylineLane`), as those of maps are.
+    They differ where one of the two movements is curved (a `PolylineLane`), as those of maps are. Return also how far
+    back from the line of each (K,) m vehicles have to wait, out of what others sweep.
     """
     lanes = [network.get_lane((*road, 0)) for road in movements]
     curved = np.array([isinstance(lane, PolylineLane) for lane in lanes], np.bool_)
     if not curved.any():
-        return clear_m
+        return clear_m, np.zeros(len(lanes))
     lines = [_extended(lane) for lane in lanes]
     first = np.cumsum([0, *(len(line) for line in lines)])
     nodes: dict[str, int] = {}
     ends = np.array([[nodes.setdefault(node, len(nodes)) for node in road] for road in movements])
-    last = _last_met(np.concatenate(lines), first, ends, curved)
+    last, back_m = _last_met(np.concatenate(lines), first, ends, curved)
     counts, length_m = np.diff(first), np.array([lane.length for lane in lanes])
     along_m = (last - _BEYOND) / (counts - 1 - 2 * _BEYOND) * length_m
-    return np.where(last >= 0, np.maximum(clear_m, along_m), clear_m)
+    return np.where(last >= 0, np.maximum(clear_m, along_m), clear_m), back_m
 
 
 def _extended(lane: Lane) -> Floats:
@@ -58,14 +60,17 @@ def _extended(lane: Lane) -> Floats:
 
 
 @njit(cache=True, nogil=True)
-def _last_met(points: Floats, first: Ints, ends: Ints, curved: Mask) -> Ints:
+def _last_met(points: Floats, first: Ints, ends: Ints, curved: Mask) -> tuple[Ints, Floats]:
     """Return (K, K) the number of line b's last point that what is swept on it and on line a meet at, -1: none.
+
+    Return also how far back (K,) m vehicles have to wait.
 
     `points` (P, 2) m are those of all lines, `first` (K + 1,) the first one of each line, and P, `ends` (K, 2) the
     nodes that lines lead from and to, and `curved` (K,) whether they bend.
     """
     count = len(ends)
     last, box, aside = np.full((count, count), -1), np.empty((count, 4)), np.zeros((len(points), 2))
+    back_m = np.zeros(count)
     for k in range(count):
         line = points[first[k] : first[k + 1]]
         for vehicle in (_BUS, _TRUCK):
@@ -79,7 +84,8 @@ def _last_met(points: Floats, first: Ints, ends: Ints, curved: Mask) -> Ints:
             if not apart and ends[a, 0] != ends[b, 0] and (curved[a] or curved[b]):
                 one, other = slice(first[a], first[a + 1]), slice(first[b], first[b + 1])
                 last[a, b] = _last_of(points[one], aside[one], points[other], aside[other])
-    return last
+                back_m[b] = max(back_m[b], _back_m(points[one], aside[one], points[other]))
+    return last, back_m
 
 
 @njit(cache=True, nogil=True)
@@ -139,3 +145,17 @@ def _last_of(line: Floats, aside: Floats, other: Floats, other_aside: Floats) ->
             if dx * dx + dy * dy < reach_m * reach_m:
                 return k
     return -1
+
+
+@njit(cache=True, nogil=True)
+def _back_m(line: Floats, aside: Floats, other: Floats) -> float:
+    """Return how far back a car has to wait before another line (M, 2), out of what is swept on one (N, 2), m."""
+    for k in range(_BEYOND - int(_WAITING_M)):
+        bx, by = _direction(other, k)
+        for i in range(len(line)):
+            ax, ay = _direction(line, i)
+            dx, dy = other[k, 0] - line[i, 0], other[k, 1] - line[i, 1]
+            reach_m = _GAP_M + _CAR_M + aside[i, 0 if ax * dy - ay * dx > 0 else 1]
+            if ax * bx + ay * by < _SAME_WAY and dx * dx + dy * dy < reach_m * reach_m:
+                return _BEYOND - k - _WAITING_M
+    return 0.0
