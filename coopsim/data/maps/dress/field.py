@@ -42,7 +42,8 @@ class Field:
     def owner_at(self, points: Floats) -> Ints:
         """Return the numbers (N,) of the pieces nearest to points (N, 2) m."""
         x, y = np.clip(np.rint(self._cells(points)), 0, np.array(self.owner.shape) - 1).astype(np.int64).T
-        return self.owner[x, y]
+        found: Ints = self.owner[x, y]
+        return found
 
     def away(self, points: Floats) -> Floats:
         """Return unit vectors (N, 2) straight away from the surface at points (N, 2) m."""

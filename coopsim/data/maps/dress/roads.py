@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coopsim.data.maps.dress.field import Field, field_of
-from coopsim.data.maps.street_map import DRIVEN, StreetMap
+from coopsim.data.maps.street_map import DRIVEN, StreetLane, StreetMap
 from coopsim.geometry import exact
 from coopsim.geometry.outlines import keep_corners
 from coopsim.geometry.se3 import Floats
@@ -19,6 +19,7 @@ _STRAIGHT_M = 0.02
 _BEYOND_M = 60.0  # that streets go on behind the end of their last lane
 _CALM_M_S, _FAST_M_S = 60 / 3.6 + 0.01, 90 / 3.6 + 0.01
 _NO_ROAD = ("walk", "other")
+_GUTTER_M = 1.0  # shoulders that are narrower are part of the pavement
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +42,7 @@ class Roads:
 
 
 def roads_of(streets: StreetMap) -> Roads:
-    """Return the ground of a map's roads: of all lanes but those to walk on, and of ways over junctions."""
+    """Return the ground of a map's roads: all lanes but those to walk on, and ways over junctions."""
     parts, limits, beyond = list[Floats](), list[Floats](), list[Mask]()
     for line, width_m, limit, ends in _lines(streets):
         kept = keep_corners(np.column_stack([line, width_m / 2]), _STRAIGHT_M)
@@ -62,7 +63,7 @@ def _lines(streets: StreetMap) -> Iterator[tuple[Floats, Floats, float | None, l
     after |= {way.start for way in streets.ways.values()}
     before = {way.end for way in streets.ways.values()} | {each for onward in streets.links.values() for each in onward}
     for lane in streets.lanes.values():
-        if lane.kind in _NO_ROAD:
+        if lane.kind in _NO_ROAD or is_gutter(lane):
             continue
         driven = lane.kind in DRIVEN
         ends = [end for end, met in ((0, before), (-1, after)) if driven and lane.id not in met]
@@ -71,6 +72,11 @@ def _lines(streets: StreetMap) -> Iterator[tuple[Floats, Floats, float | None, l
     for way in streets.ways.values():
         limit = streets.lanes[way.start].speed_m_s if way.speed_m_s is None else way.speed_m_s
         yield way.line[:, :2], np.maximum(way.width_m, _NARROWEST_M), limit, []
+
+
+def is_gutter(lane: StreetLane) -> bool:
+    """Return whether a lane is a shoulder on which nobody can stand."""
+    return lane.kind == "shoulder" and float(lane.width_m.max()) < _GUTTER_M
 
 
 def _onward(piece: Floats, end: int) -> Floats:

@@ -37,8 +37,9 @@ def buildings(solid: StreetSolid, ground: Field, seed: int) -> list[MapBuilding]
         hut = abs(area_m2(outline)) < _HUT_M2
         height_m = _HUT_M if hut else float(_STOREY_M * rng.integers(*_STOREYS) + 0.5)
     kept_off = replace(ground, distance_m=ground.distance_m - _OFF_M)
-    style = {"windows": True} if solid.kind == "building" and height_m > _STOREY_M else {}
-    return [MapBuilding(line_of(part), height_m, **style) for part in off_road(convex_parts(outline), kept_off)]
+    glass = solid.kind == "building" and height_m > _STOREY_M
+    parts = off_road(convex_parts(outline), kept_off)
+    return [MapBuilding(line_of(part), height_m, windows=glass) for part in parts]
 
 
 def walls(solid: StreetSolid, ground: Field) -> list[MapWall]:

@@ -11,12 +11,12 @@ import numpy as np
 from coopsim.data.maps.dress import solids
 from coopsim.data.maps.dress.crossings import crossings_of
 from coopsim.data.maps.dress.field import Field
-from coopsim.data.maps.dress.paving import kerb_of, paved
+from coopsim.data.maps.dress.paving import paved
 from coopsim.data.maps.dress.roads import Roads, pieces_of, roads_of
 from coopsim.data.maps.dress.spots import bays, junctions, units
+from coopsim.data.maps.dress.surfaces import area_m2
 from coopsim.data.maps.dress.ways import Lines, describe, footpaths, joined, runs, usual_m, ways_beside
 from coopsim.data.maps.street_map import StreetMap
-from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.geometry.taken_ground import TakenGround
 from coopsim.support.rng import stream
@@ -29,7 +29,7 @@ KERB_M = 0.12
 _VERGE_M, _BORDER_M, _HALF_WAY_M = 2.5, 0.3, 1.55  # from roads, from pavements, from the middle of ways to their edge
 _LINED_M = 2.0  # from kerbs to people's ways, at least, where trees stand between
 _CROSSWALK_FREE_M = 6.0
-_SHORTEST_M = 60.0  # of the border of a block
+_LEAST_M2 = 1500.0  # of a block with houses; the islands of roundabouts are smaller
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,11 +80,14 @@ def surroundings_of(streets: StreetMap, seed: int) -> Surroundings:
     for unit in masts:
         kerbside.take(np.array([unit.at, unit.at]), 0.3)
     parked = bays(streets, roads, kerbside)
-    kerbs = [kerb_of(line, roads.field) for line in beside] if usual_m(streets, roads.field) >= _LINED_M else []
+    ground = roads.field
+    lined = usual_m(streets, ground) >= _LINED_M
+    kerbs = [line - ground.at(line)[:, None] * ground.away(line) for line in beside if lined]
     fronts, country = _borders(streets, roads, lines)
-    ground = Streetside(seed, tuple(kerbs), tuple(fronts), tuple(country), taken, kerbside)
-    drawn = LOTS.get("town")(ground)
-    fields = {name: (*found.get(name, ()), *drawn.get(name, ())) for name in ("buildings", "walls", "trees")}
+    drawn = LOTS.get("town")(Streetside(seed, tuple(kerbs), tuple(fronts), tuple(country), taken, kerbside))
+    fields: dict[str, Any] = {
+        name: (*found.get(name, ()), *drawn.get(name, ())) for name in ("buildings", "walls", "trees")
+    }
     middle = next(iter(junctions(streets)), (np.zeros(2), 0.0))[0]
     fields |= {
         "paved": (*surfaces, *drawn.get("paved", ())),
@@ -140,7 +143,7 @@ def _borders(streets: StreetMap, roads: Roads, lines: Lines) -> tuple[list[Float
     ground = ground.with_pieces(np.concatenate(public)) if public else ground
     fronts, country = list[Floats](), list[Floats]()
     for line in ground.lines(_BORDER_M):
-        if float(exact.norm(np.diff(line, axis=0)).sum()) < _SHORTEST_M:
+        if -_LEAST_M2 < area_m2(line) < 0.0:  # an island
             continue
         fast = roads.fast[roads.field.owner_at(line)]
         fronts += runs(line, ~fast, np.ones_like(fast))

@@ -27,10 +27,11 @@ _NEAR_M = 3.0  # from a way along a road to the map's pavement
 _AROUND_CROSSING_M = 20.0
 _GAP_M, _SHORT_M = 40.0, 15.0  # gaps of ways along roads that are closed, and ways that are left out
 _ISLAND_M = 60.0  # round ways that are shorter are left out
+_ISLAND_M2 = 1500.0  # islands of roundabouts are smaller
 _MEDIAN_M = 8.0  # mean width within a round way, at least
 _FREE_M = 2.5  # from a footpath to the other ways
 _FREE_LEAST_M = 8.0
-_STRAIGHT_M = 0.25
+_STRAIGHT_M, _STEP_M = 0.25, 1.0
 _REACH_M = 8.0  # from the end of a crossing or footpath to the way that it leads to
 _SAME_M = 0.5
 
@@ -62,11 +63,26 @@ class Lines:
         """Return a place (2,) m."""
         line, (whole, share) = self.lines[place[0]], divmod(place[1], 1.0)
         here = line[int(whole)]
-        return here if share == 0.0 else here + share * (line[int(whole) + 1] - here)
+        found: Floats = here if share == 0.0 else here + share * (line[int(whole) + 1] - here)
+        return found
 
     def spans(self) -> list[tuple[Floats, Floats]]:
         """Return the two ends (2,) m of each crossing."""
         return [(self.at(start), self.at(end)) for start, end in self.crossings.values()]
+
+    def without_islands(self) -> Lines:
+        """Return the lines without those around islands to which no crossing leads."""
+        pairs = (*self.joins, *self.crossings.values())
+        met = {place[0] for pair in pairs for place in pair}
+        kept = [k for k, line in enumerate(self.lines) if k in met or not -_ISLAND_M2 < area_m2(line) < 0.0]
+        number = {old: new for new, old in enumerate(kept)}
+
+        def moved(pair: tuple[_Place, _Place]) -> tuple[_Place, _Place]:
+            (start, at_start), (end, at_end) = pair
+            return (number[start], at_start), (number[end], at_end)
+
+        crossings = {name: moved(pair) for name, pair in self.crossings.items()}
+        return Lines([self.lines[k] for k in kept], [moved(pair) for pair in self.joins], crossings)
 
     def _pieces(self) -> tuple[Floats, Floats, Ints, Ints]:
         """Return the beginnings (M, 2) of all straight pieces, the ways (M, 2) to their ends, line and index (M,)."""
@@ -122,7 +138,7 @@ def runs(line: Floats, wanted: Mask, barred: Mask) -> list[Floats]:
         return []
     if not wanted.all():
         first = int(np.flatnonzero(~wanted & np.roll(wanted, 1))[0])  # a gap begins
-        line, wanted, barred = (np.roll(each, -first, axis=0) for each in (line, wanted, barred))
+        line, wanted, barred = np.roll(line, -first, axis=0), np.roll(wanted, -first), np.roll(barred, -first)
         gap_m = exact.norm(line - np.roll(line, 1, axis=0))
         for start, end in zip(*_gaps(wanted), strict=True):
             if gap_m[start:end].sum() < _GAP_M and not barred[start:end].any():
@@ -130,7 +146,7 @@ def runs(line: Floats, wanted: Mask, barred: Mask) -> list[Floats]:
     if wanted.all():
         return [np.concatenate([line, line[:1]])]
     first = int(np.flatnonzero(~wanted & np.roll(wanted, 1))[0])
-    line, wanted = (np.roll(each, -first, axis=0) for each in (line, wanted))
+    line, wanted = np.roll(line, -first, axis=0), np.roll(wanted, -first)
     starts, ends = _gaps(wanted)
     found = [line[a:b] for a, b in zip(ends, [*starts[1:], len(line)], strict=True)]
     return [run for run in found if _length_m(run) > _SHORT_M]
@@ -148,7 +164,7 @@ def _length_m(line: Floats) -> float:
 
 def footpaths(streets: StreetMap, ground: Field, beside: list[Floats]) -> list[Floats]:
     """Return the parts (N, 2) m of a map's pavements and footpaths that lie away from the ways along roads."""
-    walks = [lane.line[:, :2] for lane in streets.lanes.values() if lane.kind == "walk"]
+    walks = [_dense(lane.line[:, :2]) for lane in streets.lanes.values() if lane.kind == "walk"]
     others = ground.of(np.concatenate([pieces_of(line) for line in beside])) if beside else None
     found = list[Floats]()
     for line in walks:
@@ -163,6 +179,13 @@ def footpaths(streets: StreetMap, ground: Field, beside: list[Floats]) -> list[F
     return found
 
 
+def _dense(line: Floats) -> Floats:
+    """Return a line (N, 2) m with more points, 1 m apart."""
+    along_m = np.concatenate([[0.0], np.cumsum(exact.norm(np.diff(line, axis=0)))])
+    at_m = np.unique(np.concatenate([along_m, np.arange(0.0, along_m[-1], _STEP_M)]))
+    return np.column_stack([np.interp(at_m, along_m, axis) for axis in line.T])
+
+
 def joined(beside: list[Floats], paths: list[Floats], crossings: Iterable[StreetCrossing], ground: Field) -> Lines:
     """Join ways along roads, footpaths and crossings; crossings that lead to no way are left out."""
     found = Lines([line[keep_corners(line, _STRAIGHT_M)] for line in (*beside, *paths)])
@@ -175,7 +198,7 @@ def joined(beside: list[Floats], paths: list[Floats], crossings: Iterable[Street
         (start, start_m), (end, end_m) = (found.nearest(crossing.line[k, :2]) for k in (0, -1))
         if max(start_m, end_m) < _REACH_M and exact.norm(found.at(end) - found.at(start)) > _SAME_M:
             found.crossings[crossing.id] = start, end
-    return found
+    return found.without_islands()
 
 
 def _is_clear(start: Floats, end: Floats, ground: Field) -> bool:
