@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,6 +50,7 @@ class Triangles:
         color: (F, 3) uint8.
         parts: None: unknown.
         velocity: (P, 2) m/s of the parts over ground; None: unknown.
+        shining: (S,) faces of lamps, whose colour is light of their own.
     """
 
     vertices: Floats
@@ -58,6 +60,7 @@ class Triangles:
     color: NDArray[np.uint8]
     parts: Parts | None = None
     velocity: Floats | None = None
+    shining: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
     def normals(self) -> Floats:
@@ -90,12 +93,19 @@ class SceneGeometry:
     def __init__(self, models: Sequence[Model], static: Sequence[StaticPart]) -> None:
         self._models = tuple(models)
         self._static = static_triangles(static)
+        ends = np.cumsum([0, *(len(part.faces) for part in static)]).tolist()
+        self._lamps = [
+            (part.lamp, np.arange(*run)) for part, run in zip(static, pairwise(ends), strict=True) if part.lamp
+        ]
         self._pose_counts = np.array([len(model.poses) for model in self._models], dtype=np.int64)
         self._closed = np.array([_is_closed_model(model) for model in models], dtype=np.bool_)
         self._key: tuple[bytes, ...] | None = None
 
-    def triangles(self, actors: Actors, scale: Floats | None = None) -> Triangles:
-        """Return the scene with these actors, scenery first; `scale` (N, 3) stretches their models along their axes."""
+    def triangles(self, actors: Actors, scale: Floats | None = None, lights: str = "") -> Triangles:
+        """Return the scene with these actors, scenery first.
+
+        `scale` (N, 3) stretches their models along their axes; `lights` are states of traffic lights, see `RoadMap`.
+        """
         key = tuple(column.tobytes() for column in (actors.id, actors.model, actors.color, actors.accent))
         if key != self._key:
             self._arrange(actors)
@@ -113,9 +123,27 @@ class SceneGeometry:
         moved[:, 2] = local[:, 2]
         moved += boxes.center[self._owner]
         velocity = np.concatenate([np.zeros((len(self._parts.closed) - len(actors), 2)), actors.velocity])
+        color, shining = self._lit(lights)
         return Triangles(
-            vertices.copy(), self._faces, self._instance, self._reflectivity, self._color, self._parts, velocity
+            vertices.copy(),
+            self._faces,
+            self._instance,
+            self._reflectivity,
+            color,
+            self._parts,
+            velocity,
+            shining,
         )
+
+    def _lit(self, lights: str) -> tuple[NDArray[np.uint8], Ints]:
+        """Return the colours of all faces, and the faces of lamps that shine."""
+        on = [(lamp[2], faces) for lamp, faces in self._lamps if lights and lights[lamp[0]].lower() == lamp[1].lower()]
+        shining = np.concatenate([np.zeros(0, dtype=np.int64), *(faces for _, faces in on)])
+        if not on:
+            return self._color, shining
+        color = self._color.copy()
+        color[shining] = np.repeat([lamp for lamp, _ in on], [len(faces) for _, faces in on], axis=0)
+        return color, shining
 
     def _arrange(self, actors: Actors) -> None:
         """Compute what stays the same until the actors change: all columns but vertices and velocities."""

@@ -17,6 +17,7 @@ from coopsim.types import NS_PER_S, Tracks
 from coopsim.types.lies import Lie
 from coopsim.viz import palette
 from coopsim.viz.false_tracks import is_false
+from coopsim.world.places.signals import stop_bars
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
 
 SPAN_M = 160.0
@@ -85,8 +86,9 @@ class BevRenderer:
 
     def show_map(self, road_map: RoadMap) -> None:
         """Draw over another map from now on; the window stays."""
-        if road_map is not self._map:
-            self._map, self._ground = road_map, None
+        if road_map.lanes is not self._map.lanes:
+            self._ground = None
+        self._map = road_map
 
     def draw(self, frame: BevFrame) -> NDArray[np.uint8]:
         """Return the image, (H, W, 3) uint8; needs no display."""
@@ -126,6 +128,9 @@ class BevRenderer:
     def _paint(self, frame: BevFrame) -> None:
         centre = self._centre(frame)
         self._surface.blit(self._map_image(centre), (0, 0))
+        bars = stop_bars(self._map.stop_lines, palette.BAR_M) if self._map.lights else []
+        for bar, letter in zip(bars, self._map.lights, strict=True):
+            self._pygame.draw.polygon(self._surface, palette.LIGHT[letter], self._pixels(bar, centre))
         self._points(frame.points, centre)
         riding = {name: body.actor_id for name, body in frame.agents.items() if body.actor_id is not None}
         connected = np.isin(frame.actors.id, list(riding.values()))

@@ -29,6 +29,12 @@ MAP: dict[str, RGB] = {
 }
 """Colours of a road map's polygons by field, in the order of painting."""
 
+LIGHT: dict[str, RGB] = {"G": (52, 199, 89), "g": (52, 199, 89), "y": (255, 190, 40), "r": (235, 70, 60)}
+"""Colours of bars at stop lines, by the states of traffic lights."""
+
+BAR_M = 0.9
+"""Width of these bars."""
+
 HUE_STEP = 0.38196601125
 """Step of successive ids around the colour wheel (1 is a turn): the golden angle, so that neighbours differ."""
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from coopsim.errors import InvalidValueError
-from coopsim.support.checks import require_between, require_count
+from coopsim.support.checks import require_between, require_count, require_flag
 
 MOST_JUNCTIONS = 9
 MOST_LANES = 3
@@ -24,17 +24,19 @@ _ACCEPTED = (
 
 @dataclass(frozen=True, slots=True)
 class TownOptions:
-    """Difficulty of drawn towns; None is drawn for each of them.
+    """Difficulty and lights of drawn towns; None is drawn for each of them.
 
     Attributes:
         junctions: number of places where streets meet, roundabouts included, 1 to 9.
         openness: view past the corners, in [0, 1]: 0 is walls at the kerb, 1 wide lawns.
         lanes: most lanes a direction, 1 to 3.
+        traffic_lights: lights at junctions of main roads, and where connected cars meet, except at roundabouts.
     """
 
     junctions: int | None = None
     openness: float | None = None
     lanes: int | None = None
+    traffic_lights: bool = False
 
     def __post_init__(self) -> None:
         for name, most in (("junctions", MOST_JUNCTIONS), ("lanes", MOST_LANES)):
@@ -44,6 +46,7 @@ class TownOptions:
         if self.openness is not None:
             require_between(0, 1, openness=self.openness)
             object.__setattr__(self, "openness", float(self.openness))
+        require_flag(traffic_lights=self.traffic_lights)
 
 
 @dataclass(frozen=True, slots=True)

@@ -128,6 +128,7 @@ class StaticPart:
         boxes: (K, 7) upright boxes that stand for the part where no rays are cast; None: those around its closed
             components.
         opacity: share of the light through such a box that is stopped: less than 1 for foliage.
+        lamp: of a traffic light: its number among `RoadMap.lights`, the letter at which it shines, and the colour then.
     """
 
     name: str
@@ -138,6 +139,7 @@ class StaticPart:
     closed: bool | None = None
     boxes: Floats | None = None
     opacity: float = 1.0
+    lamp: tuple[int, str, tuple[int, int, int]] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

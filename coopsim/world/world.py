@@ -19,6 +19,7 @@ from coopsim.world.models.model import Model
 from coopsim.world.models.paint import Colors, draw_colors
 from coopsim.world.people.people import MANNERS, People, join_bodies
 from coopsim.world.people.scripted import ScriptedPeople
+from coopsim.world.places.signals import lights_of
 from coopsim.world.scenario import Scenario
 from coopsim.world.script import Script
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap, StaticPart
@@ -138,8 +139,7 @@ class World:
         if self._traffic.light_states != self._states:
             self._states = self._traffic.light_states
             self._red = red_ways(self._signals, self._states, self._nodes)
-            shown = zip(self._signals, self._states, strict=True)
-            self.map = replace(self.map, lights="".join(text[: len(signal.roads)] for signal, text in shown))
+            self.map = replace(self.map, lights=lights_of(self._signals, self._states))
 
     def _conflict_ids(self, script: Script) -> tuple[int, ...]:
         """Return the ids of the actors that the ego of a script may crash into."""

@@ -188,7 +188,7 @@ class SimulatedEpisode:
         time_ns = seconds_to_ns(self._cycle * self._options.dt_s)
         actors, bodies = self._world.actors(), self._world.agents()
         sensed = self._cycle % self._options.sense_every == 0
-        scene = cache(lambda: RayScene(self._geometry.triangles(actors)))
+        scene = cache(lambda: RayScene(self._geometry.triangles(actors, lights=self._world.map.lights)))
         readings = self._lidars.sense(scene, actors, bodies) if sensed else {}
         probe = SceneProbe(self._equipment, scene, actors, bodies, readings)
         if sensed:

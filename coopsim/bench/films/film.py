@@ -70,6 +70,7 @@ class FilmFrame:
         points: (P, 2) `POINT_M` from the agents' `middle`, however far they have driven: of `ALL`, or by agent.
         tracks: tracks by the agent that reported them.
         lies: lies in the messages of the frame.
+        lights: states of traffic lights, see `RoadMap`.
     """
 
     time_ns: int
@@ -78,6 +79,7 @@ class FilmFrame:
     points: Mapping[str, NDArray[np.int16]] = field(default_factory=dict)
     tracks: Mapping[str, Rows] = field(default_factory=dict)
     lies: Sequence[ShownLie] = ()
+    lights: str = ""
 
     @classmethod
     def of(cls, frame: BevFrame, points: Mapping[str, Floats] | None = None) -> FilmFrame:
@@ -209,7 +211,8 @@ class Filming(Recorder):
         points = {
             name: thinned(env.bev_frame(agent=name or None).points, count) for name, count in clouds.items() if count
         }
-        self.frames.append(FilmFrame.of(env.bev_frame(points=False), points))
+        shown = FilmFrame.of(env.bev_frame(points=False), points)
+        self.frames.append(replace(shown, lights=env.road_map.lights))
         self._note_arrivals({link: each.delivered for link, each in env.link_counts.items()})
         if self._cars and not env.agents:
             self._drive = FilmedDrive.of(self._cars[0], env.records["drives"][self._cars[0]].drive, env.logs)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coopsim.bench.films.drive_moments import Events, find_moments, in_view, tracked
-from coopsim.bench.films.film import Film
+from coopsim.bench.films.film import Film, FilmFrame
 from coopsim.bench.grid.cell import Cell
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats, wrap_angle
@@ -107,7 +107,14 @@ class Recording:
 
     def points_at(self, time_s: float) -> Floats:
         """Return the points (P, 2) of the frame at a time."""
-        return self.film.frames[min(self._place(time_s)[0], len(self.film.frames) - 1)].points_m(self.agent)
+        return self._frame_at(time_s).points_m(self.agent)
+
+    def lights_at(self, time_s: float) -> str:
+        """Return the states of traffic lights of the frame at a time."""
+        return self._frame_at(time_s).lights
+
+    def _frame_at(self, time_s: float) -> FilmFrame:
+        return self.film.frames[min(self._place(time_s)[0], len(self.film.frames) - 1)]
 
     def arrivals(self, time_s: float, within_s: float) -> Iterator[tuple[str, float]]:
         """Yield senders of messages that arrived in the time before, with seconds since then: each one's latest."""

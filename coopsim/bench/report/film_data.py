@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from coopsim.bench.films.film import ALL, BOX_M, POINT_M, TURN_RAD, FilmFrame, Rows
 from coopsim.geometry.se3 import Floats
 from coopsim.viz import palette
+from coopsim.world.places.signals import stop_bars
 from coopsim.world.snapshot import RoadMap
 
 UNIT_M = POINT_M
@@ -26,6 +27,7 @@ _COLORS: Mapping[str, palette.RGB] = palette.MAP | {
     "lie": palette.LIE,
     "track": palette.TRACK,
     "false": palette.FALSE_TRACK,
+    **palette.LIGHT,
 }
 DRAWING: Mapping[str, Any] = {
     "unit": UNIT_M,
@@ -44,8 +46,10 @@ def home_of(frames: Sequence[FilmFrame]) -> Floats:
 
 
 def map_data(road_map: RoadMap, home: Floats) -> dict[str, Any]:
-    """Return the outlines of a road map, by field."""
-    return {name: [(polygon - home).round(2).tolist() for polygon in getattr(road_map, name)] for name in palette.MAP}
+    """Return the outlines of a road map, by field, and bars at its stop lines."""
+    outlines = {name: getattr(road_map, name) for name in palette.MAP}
+    outlines |= {"bars": stop_bars(road_map.stop_lines, palette.BAR_M)}
+    return {name: [(polygon - home).round(2).tolist() for polygon in found] for name, found in outlines.items()}
 
 
 def frame_data(frame: FilmFrame, home: Floats, points: str = ALL) -> dict[str, Any]:
@@ -54,6 +58,7 @@ def frame_data(frame: FilmFrame, home: Floats, points: str = ALL) -> dict[str, A
         "origin": (frame.middle - home).tolist(),
         "truth": rows_data(frame.truth, home),
         "points": _base64(frame.points.get(points, np.zeros((0, 2))), "<i2"),
+        "lights": frame.lights,
         "agents": [[name, *place_data(place[:2], home), place.rides] for name, place in frame.agents.items()],
     }
 

@@ -15,6 +15,7 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.viz import palette
 from coopsim.viz.bev import SCALE_BAR_M, outlines
+from coopsim.world.places.signals import stop_bars
 
 FINE = 2
 """Pixels drawn for each pixel shown, along either axis."""
@@ -75,6 +76,7 @@ class Panel:
         self._recording, self._view, self._size = recording, view, size_px
         self._scale = FINE * min(size_px) / view.span_m
         self._ground = self._draw_ground()
+        self._bars = stop_bars(recording.film.road_map.stop_lines, palette.BAR_M)
 
     def draw(self, time_s: float) -> Image.Image:
         """Draw the run at a time since the episode's start; after its last frame it stands still."""
@@ -82,6 +84,8 @@ class Panel:
         now = record.at(time_s)
         fine = self._ground.copy()
         draw = ImageDraw.Draw(fine)
+        for bar, letter in zip(self._bars, record.lights_at(time_s), strict=False):
+            draw.polygon(self._pixels(bar), palette.LIGHT[letter])
         self._dots(draw, record.points_at(time_s))
         self._way(draw, now.way)
         for body in now.bodies:

@@ -121,7 +121,7 @@ class ClipSensing:
         if self._realism is not None:
             carriers = [body.actor_id for body in bodies.values() if body.actor_id is not None]
             actors, scale = self._realism.sized(actors, np.isin(actors.id, carriers))
-        triangles = self._geometry.triangles(actors, scale)
+        triangles = self._geometry.triangles(actors, scale, self._world.map.lights)
         if self._realism is not None:
             triangles = self._realism.painted(triangles, actors)
         rays = RayScene(triangles)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from coopsim.errors import InvalidValueError
 from coopsim.sensors.camera.camera import Camera
-from coopsim.sensors.camera.daylight import DAYLIGHTS, Illumination, to_srgb
+from coopsim.sensors.camera.daylight import DAYLIGHTS, GAMMA, Illumination, to_srgb
 from coopsim.sensors.camera.intrinsics import Intrinsics
 from coopsim.sensors.camera.renderer import PixelHits, Renderer
 from coopsim.sensors.scene import STATIC_ID, Triangles
@@ -55,7 +55,9 @@ class FramePainter:
         """Take over a new frame, as actors and as triangles."""
         if "rgb" in self._modes:
             sky = self._light.sky.astype(np.float32)
-            self._shade = np.vstack([self._light.shade(triangles.color, triangles.normals), sky])
+            shade = self._light.shade(triangles.color, triangles.normals)
+            shade[triangles.shining] = (triangles.color[triangles.shining] / 255.0) ** GAMMA
+            self._shade = np.vstack([shade, sky])
             self._rgb = to_srgb(self._shade)
         instance = np.append(triangles.instance, STATIC_ID)
         self._instance = instance

@@ -193,8 +193,11 @@ _THIN_M = 0.7
 _DRIVEWAY_M, _BEFORE_DRIVEWAY_M = 4.0, 6.0  # widest driveway, and from a yard to the road
 
 
-def obstacles_of(layout: Layout, area: Floats) -> Obstacles:
-    """Return the obstacles within an area, its least and greatest x and y (2, 2) m."""
+def obstacles_of(layout: Layout, area: Floats, *, swept: bool = True) -> Obstacles:
+    """Return the obstacles within an area, its least and greatest x and y (2, 2) m.
+
+    Without `swept`, pieces may stand where long vehicles swing out, or cut a bend.
+    """
     outlines, margins, layers = list[Floats](), list[float](), list[int]()
 
     def add(shapes: list[Floats] | tuple[Floats, ...], margin_m: float, layer: int) -> None:
@@ -203,7 +206,7 @@ def obstacles_of(layout: Layout, area: Floats) -> Obstacles:
         layers.extend([layer] * len(shapes))
 
     for lane in layout.network.lanes.values():
-        add(_pieces_of(lane), lane.width / 2 + KERB_M + _sweep_m(lane), GROUND)
+        add(_pieces_of(lane), lane.width / 2 + KERB_M + (_sweep_m(lane) if swept else 0.0), GROUND)
     add(layout.road_map.lanes, KERB_M, GROUND)
     add(layout.road_map.parking, KERB_M, GROUND)
     add(layout.road_map.yards, 0.1, UNPAVED)

@@ -16,10 +16,12 @@ from coopsim.world.furniture import kinds
 from coopsim.world.furniture.free_ground import lanes_of, obstacles_of
 from coopsim.world.furniture.placement import Placer, Plot
 from coopsim.world.furniture.sides import fronts, street_sides, way_sides
+from coopsim.world.furniture.signal_heads import crosswalks_without_light, head_stands, lamp_parts
 from coopsim.world.furniture.solids import Shape
 from coopsim.world.places.description import MapFurniture, MapTree, PlaceDescription
 from coopsim.world.places.layout import MARKING, Layout, flat_part
 from coopsim.world.places.relief import laid_on
+from coopsim.world.places.signals import stop_bars
 from coopsim.world.snapshot import StaticPart
 
 _AROUND_M = 60.0  # beyond the ends of lanes and ways
@@ -37,7 +39,10 @@ def furnish(layout: Layout, seed: int) -> list[MapFurniture]:
     lanes, plot = lanes_of(layout, area), Plot(obstacles_of(layout, area))
     kerbs, backs = street_sides(layout, area, lanes), way_sides(layout, lanes)
     placer = Placer(seed, plot)
-    placer.crosswalks(kerbs, layout.road_map.crosswalks)
+    if layout.signals:
+        stands, head = head_stands(layout.road_map.stop_lines)
+        plot.put("traffic_light", stands, head, obstacles=obstacles_of(layout, area, swept=False))
+    placer.crosswalks(kerbs, crosswalks_without_light(layout), lights=not layout.signals)
     rows, lines = (kinds.VERGE, kinds.VERGE_LINES) if layout.footways is None else (kinds.KERB, kinds.KERB_LINES)
     placer.zone("kerb", rows, lines, kerbs)
     placer.fronts(*fronts(layout))
@@ -166,7 +171,8 @@ _STEM = 0.3  # share of a tree's height without leaves, of trees that stand by t
 def with_furniture(layout: Layout, pieces: Sequence[MapFurniture]) -> Layout:
     """Return a layout with furniture and painted lines, on its own ground, instead of what it had."""
     heights = None if layout.relief is None else layout.relief.heights
-    return replace(layout, furnishing=(*lane_paint(layout), *furnishing_parts(pieces, heights)))
+    parts = *furnishing_parts(pieces, heights), *lamp_parts(pieces, layout, heights)
+    return replace(layout, furnishing=(*lane_paint(layout), *parts))
 
 
 def furnished(layout: Layout, description: PlaceDescription, seed: int) -> tuple[Layout, PlaceDescription]:
@@ -198,12 +204,14 @@ def _leafy(tree: MapTree, number: int) -> MapFurniture:
 
 
 _PAINT_M = 0.012  # over the road, more than water and stripes
+_STOP_M = 0.4  # width of stop lines
 _REFLECTIVITY = 0.8  # as of crosswalks; road paint has glass beads
 
 
 def lane_paint(layout: Layout) -> tuple[StaticPart, ...]:
-    """Build the lines that a place's map has between its lanes, on its own ground; none where it has none."""
-    if not layout.road_map.markings:
+    """Build the lines that a place's map has between its lanes and before its lights, on its own ground."""
+    lines = [*layout.road_map.markings, *stop_bars(layout.road_map.stop_lines, _STOP_M)]
+    if not lines:
         return ()
-    flat = flat_part("marking", list(layout.road_map.markings), 2 * _PAINT_M, MARKING, _REFLECTIVITY)
+    flat = flat_part("marking", lines, 2 * _PAINT_M, MARKING, _REFLECTIVITY)
     return (flat,) if layout.relief is None else (laid_on(flat, layout.relief.grid, _PAINT_M),)

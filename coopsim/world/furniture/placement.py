@@ -75,10 +75,10 @@ class Placer:
                 pieces, run = self._runs(line, sides, start[kept], count[kept].astype(np.int64))
                 self._plot.put_lines(line.kind, pieces, run, bulky=line.bulky)
 
-    def crosswalks(self, sides: Sides, crosswalks: Sequence[Floats]) -> None:
-        """Put up signs or traffic lights where streets come to crosswalks."""
+    def crosswalks(self, sides: Sides, crosswalks: Sequence[Floats], *, lights: bool) -> None:
+        """Put up signs where streets come to crosswalks, or (with `lights`) traffic lights at some."""
         draws = stream(self._seed, "furnish", "crosswalks")
-        lit = draws.uniform(size=len(crosswalks)) < kinds.CROSSING_LIGHTS
+        lit = draws.uniform(size=len(crosswalks)) < (kinds.CROSSING_LIGHTS if lights else 0.0)
         grid, side = sides.grid(1.0)
         if not len(grid) or not len(crosswalks):
             return
@@ -195,7 +195,14 @@ class Plot:
         self._standing = Discs(np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.int64))
 
     def put(
-        self, kind: str, stands: Floats, choice: Ints | None = None, *, bulky: bool = False, sizes: Floats | None = None
+        self,
+        kind: str,
+        stands: Floats,
+        choice: Ints | None = None,
+        *,
+        bulky: bool = False,
+        sizes: Floats | None = None,
+        obstacles: Obstacles | None = None,
     ) -> None:
         """Put up the pieces of a kind that fit.
 
@@ -205,11 +212,12 @@ class Plot:
             choice: (N,) pieces that follow each other with one number are alternatives; None: there are none.
             bulky: pieces hide people who are about to cross.
             sizes: (N, S) m, in the order of the kind's; None: the usual ones.
+            obstacles: obstacles for these pieces; None: those of the plot.
         """
         count = len(stands)
         discs, each = self._discs(kind, stands, bulky=bulky, sizes=sizes)
         none = np.full(count, -1)
-        fits = self._settle(discs, each, none if choice is None else choice, none)
+        fits = self._settle(discs, each, none if choice is None else choice, none, obstacles)
         degrees = np.round(np.degrees(stands[:, 2]), 3)
         for n in np.flatnonzero(fits).tolist():
             own = {} if sizes is None else dict(zip(kinds.KINDS[kind].sizes, sizes[n].tolist(), strict=True))
@@ -240,9 +248,9 @@ class Plot:
                 self.entries.append(MapFurniture(kind, along=straight))
                 line = []
 
-    def _settle(self, discs: Discs, each: Ints, choice: Ints, run: Ints) -> Mask:
+    def _settle(self, discs: Discs, each: Ints, choice: Ints, run: Ints, obstacles: Obstacles | None = None) -> Mask:
         candidates = Candidates(discs, np.concatenate([[0], np.cumsum(each)]), choice, run)
-        fits, self._standing = settle(candidates, self._obstacles, self._standing, _GAP_M)
+        fits, self._standing = settle(candidates, obstacles or self._obstacles, self._standing, _GAP_M)
         return fits
 
     def _discs(self, kind: str, stands: Floats, *, bulky: bool, sizes: Floats | None) -> tuple[Discs, Ints]:

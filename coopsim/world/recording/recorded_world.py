@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from coopsim.errors import InvalidValueError, RecordingError
 from coopsim.types.driving import Command
 from coopsim.version import __version__
 from coopsim.world.models.model import Model
+from coopsim.world.places.signals import lights_of, states
 from coopsim.world.recording.episode_file import Episode, EpisodeAgent, EpisodeHeader, EpisodeWriter
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody, StaticPart, WorldSource
@@ -44,6 +46,7 @@ class RecordedWorld:
         if dt_s != self._dt_s:
             raise InvalidValueError(f"dt_s must be {self._dt_s}, as the recording began, got {dt_s!r}")
         self._world.step(dt_s, commands)
+        self.map = self._world.map
         self._writer.append(self._world.actors(), self._world.agents())
 
     def actors(self) -> Actors:
@@ -78,7 +81,8 @@ class PlayedWorld:
                 "and seed"
             )
         self._episode, self._frames = episode, iter(episode)
-        self._frame = next(self._frames)
+        self._frame, self._steps, self._signals = next(self._frames), 0, scenario.layout.signals
+        self._show_lights()
 
     def step(self, dt_s: float, commands: Mapping[str, Command] | None = None) -> None:
         """Go on to the next frame; commands have no effect on a recording."""
@@ -87,7 +91,14 @@ class PlayedWorld:
         frame = next(self._frames, None)
         if frame is None:
             raise RecordingError(f"{self._episode.path} ends after {self._episode.frames - 1} steps")
-        self._frame = frame
+        self._frame, self._steps = frame, self._steps + 1
+        self._show_lights()
+
+    def _show_lights(self) -> None:
+        """Let the map know the traffic lights, whose programs are the scenario's."""
+        time_s = self._steps * self._episode.header.dt_s
+        if self._signals:
+            self.map = replace(self.map, lights=lights_of(self._signals, states(self._signals, time_s)))
 
     def actors(self) -> Actors:
         """Return the recorded actors."""

@@ -32,12 +32,14 @@ End = tuple[int, float]
 class PeopleWays:
     """Ways of people: a closed line (N, 2) m along each round, and crosswalks between these.
 
-    `mid_block` has the street and the place along it, m, of crosswalks between junctions.
+    `mid_block` has the street and the place along it, m, of crosswalks between junctions; `at_arm` the numbers of those
+    over arms, by junction and arm.
     """
 
     lines: tuple[Floats, ...]
     crossings: list[tuple[End, End]] = field(default_factory=list)
     mid_block: list[tuple[int, float]] = field(default_factory=list)
+    at_arm: dict[tuple[int, int], int] = field(default_factory=dict)
 
     def place(self, end: End) -> Floats:
         """Return the place (2,) m of an end of a crosswalk."""
@@ -71,6 +73,7 @@ def cross_at_junctions(ways: PeopleWays, rounds: tuple[Round, ...], plan: Plan) 
                 _place_at(k, index, out, at_m) for out, (k, index, _) in zip(out_m, pair, strict=True)
             )
             if right_end is not None and left_end is not None:
+                ways.at_arm[junction.number, arm] = len(ways.crossings)
                 ways.crossings.append((right_end, left_end))
 
 

@@ -218,11 +218,11 @@ def _add_lanes(found: TownRoads, street: Street, forwards: bool) -> None:
 
 def _add_turns(found: TownRoads, junction: Junction, plan: Plan) -> None:
     """Add the ways over a junction, from each lane inwards to the lanes of the same number outwards."""
-    turns = _turns(junction)
+    turns = turns_of(junction)
     for turn in turns:
         main = junction.main is not None and {turn.arm, turn.other} == set(junction.main)
         speed = plan.streets[junction.arms[turn.arm].street].speed_m_s
-        more = {"priority": True} if main and any(_meet(junction, turn, other) for other in turns) else {}
+        more = {"priority": True} if main and any(meet(junction, turn, other) for other in turns) else {}
         _add_turn(found, junction, turn, speed if main else min(speed, _ACROSS_M_S), more)
 
 
@@ -236,7 +236,7 @@ class Turn:
     angle: float
 
 
-def _turns(junction: Junction) -> list[Turn]:
+def turns_of(junction: Junction) -> list[Turn]:
     """Return the ways over a junction; every lane has one, inwards and outwards."""
     count = range(len(junction.arms))
     turns = [
@@ -256,7 +256,7 @@ def _turns(junction: Junction) -> list[Turn]:
     return turns
 
 
-def _meet(junction: Junction, a: Turn, b: Turn) -> bool:
+def meet(junction: Junction, a: Turn, b: Turn) -> bool:
     """Return whether two ways over a junction cross (their ends alternate around it) or join (in the same end)."""
     if (a.arm, a.lane) == (b.arm, b.lane):
         return False

@@ -26,7 +26,8 @@ from coopsim.world.towns.lots import build_corners, build_frontages
 from coopsim.world.towns.pavements import PeopleWays, cross_at_junctions, cross_between, describe_ways
 from coopsim.world.towns.plan import Plan
 from coopsim.world.towns.planning import draw_plan
-from coopsim.world.towns.roads import lay_roads
+from coopsim.world.towns.roads import TownRoads, lay_roads
+from coopsim.world.towns.signals import light_junctions
 from coopsim.world.towns.site import Site
 from coopsim.world.towns.starts import FIRST, bring_near, off_roads, place_starts
 
@@ -70,15 +71,15 @@ def describe_streets(seed: int, options: TownOptions = _ANY) -> PlaceDescription
     plan = draw_plan(seed, options)
     roads = lay_roads(plan)
     usual, spots = place_starts(plan, roads)
-    beside = dress_streets(plan, seed, options.openness)
+    beside = dress_streets(plan, seed, options.openness, roads if options.traffic_lights else None)
     starts, masts = bring_near(usual, spots, off_roads(beside["rsus"], roads.nodes, roads.roads))
     parts = beside | {"rsus": tuple(masts), "starts": tuple(starts)}
     found = PlaceDescription(nodes=roads.nodes, roads=tuple(roads.roads), cars_first=FIRST, **parts)
     return turned(found, plan.turn_rad)
 
 
-def dress_streets(plan: Plan, seed: int, openness: float | None = None) -> dict[str, Any]:
-    """Draw all that is beside the lanes, not turned, as fields of a description."""
+def dress_streets(plan: Plan, seed: int, openness: float | None = None, lit: TownRoads | None = None) -> dict[str, Any]:
+    """Draw all that is beside the lanes, not turned, as fields of a description; lights for the roads `lit`."""
     rounds = trace_rounds(plan)
     kerbs = kerb_lines_of(rounds)
     ways = PeopleWays(tuple(each.clear_offset(_WAY_M, kerbs) for each in rounds))
@@ -98,8 +99,10 @@ def dress_streets(plan: Plan, seed: int, openness: float | None = None) -> dict[
     roadside.mark_bays(site)
     roadside.add_humps(site)
     roadside.add_puddles(site)
+    walks = describe_ways(ways)
     return {
-        "walks": describe_ways(ways),
+        "walks": walks,
+        "signals": () if lit is None else light_junctions(plan, lit, ways, walks, seed),
         **{name: tuple(parts) for name, parts in site.parts.items()},
         "mast_m": float(np.round(site.stream("masts").uniform(5.0, 8.0), 1)),
         "drones_around": point_of(plan.junctions[plan.meeting].centre),

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from coopsim.geometry import exact
+from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import stream
 from coopsim.types.taxonomy import ObjectClass
@@ -172,3 +173,21 @@ def slow_down_behind_others(fleet: Fleet, count: int) -> None:
         if (slower == rows["speed"]).all():
             break
         rows["speed"] = slower
+
+
+_LINE_BRAKING_M_S2, _BEFORE_LINE_M = 2.5, 3.0  # of a vehicle that starts near a light, and where its front then stands
+
+
+def slow_down_before_lines(fleet: Fleet, count: int, stop_lines: Sequence[Floats]) -> None:
+    """Limit the speeds of the first `count` vehicles so that each can stop before a line (2, 2) m of traffic lights."""
+    rows, lines = fleet.rows[:count], np.array(stop_lines).reshape(-1, 2, 2)
+    direction = np.column_stack([exact.cos(rows["heading"]), exact.sin(rows["heading"])])
+    across = lines[:, 1] - lines[:, 0]
+    travel = np.column_stack([across[:, 1], -across[:, 0]]) / exact.norm(across, axis=1)[:, None]
+    offset = lines.mean(axis=1) - fleet.position[:count, None]
+    ahead_m = exact.dot(offset, direction[:, None])
+    aside_m = np.abs(offset[..., 0] * direction[:, None, 1] - offset[..., 1] * direction[:, None, 0])
+    leads = (ahead_m > 0) & (aside_m < LANE_M / 2) & (exact.dot(direction[:, None], travel) > exact.cos(_TURN_RAD))
+    free_m = np.maximum(ahead_m - rows["length"][:, None] / 2 - _BEFORE_LINE_M, 0.0)
+    most_m_s = np.sqrt(np.where(leads, 2 * _LINE_BRAKING_M_S2 * free_m, np.inf).min(axis=1, initial=np.inf))
+    rows["speed"] = np.minimum(rows["speed"], most_m_s)

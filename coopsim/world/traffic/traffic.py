@@ -24,7 +24,7 @@ from coopsim.world.traffic.edges import Edges
 from coopsim.world.traffic.fleet import CHAUFFEURED, HIGHWAY, PARKED, PEDALLED, TOWN, UNYIELDING, VEHICLE, Fleet
 from coopsim.world.traffic.lanes import NumberedNetwork
 from coopsim.world.traffic.lights import Lights
-from coopsim.world.traffic.spawner import Spawner, slow_down_behind_others
+from coopsim.world.traffic.spawner import Spawner, slow_down_before_lines, slow_down_behind_others
 
 _COMPANY = 6
 """Cars that keep together, unless more of them are connected."""
@@ -140,6 +140,7 @@ class Traffic:
             speed = layout.cruise_m_s if k in company else None
             self._spawner.spawn(self.fleet, k, driver, layout.slots[slot], label, speed)
         if usual_driver == TOWN:  # on highways lanes are chosen by the vehicles in them
+            slow_down_before_lines(self.fleet, len(slots), layout.road_map.stop_lines)
             slow_down_behind_others(self.fleet, len(slots))
         self._keep_in_cut()
         if layout.convoy_gap_s is not None:

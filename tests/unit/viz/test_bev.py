@@ -247,3 +247,16 @@ def test_a_claim_of_a_liar_has_a_colour_of_its_own() -> None:
     lie = Lie(0, "cav_0", "ghost", claimed=box(20, 10))
     assert len(where(draw(replace(frame(), lies=(lie,))), palette.LIE)) > 10
     assert not len(where(draw(frame()), palette.LIE))
+
+
+def test_bars_at_stop_lines_have_the_colours_of_their_lights() -> None:
+    line = np.array([[-30.0, 2.0], [-30.0, -2.0]])  # of those who drive west
+    road_map = replace(MAP, stop_lines=(line, line + np.array([20.0, 0.0])), lights="ry")
+    renderer = BevRenderer(MAP)
+    renderer.draw(frame())
+    ground = renderer._ground
+    renderer.show_map(road_map)
+    picture = renderer.draw(frame())
+    assert renderer._ground is ground  # other states of the lights are no other ground
+    for letter, x in (("r", -29.6), ("y", -9.6)):
+        assert tuple(picture[HEIGHT // 2, round(WIDTH / 2 + x * PX_PER_M)]) == palette.LIGHT[letter]

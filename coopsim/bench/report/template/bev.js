@@ -57,8 +57,10 @@ function drawFromAbove(canvas, scene, index, tracks, { agent, eye, span, layers 
     }
     context.fill("nonzero");
   };
-  for (const [name, polygons] of Object.entries(scene.map)) fill(polygons, scene.colors[name]);
+  const { bars, ...ground } = scene.map;
+  for (const [name, polygons] of Object.entries(ground)) fill(polygons, scene.colors[name]);
   const frame = scene.frames[index];
+  [...frame.lights].forEach((letter, k) => fill([bars[k]], scene.colors[letter]));
   if (layers.points) {
     context.fillStyle = scene.colors.point;
     const { points, origin } = frame;

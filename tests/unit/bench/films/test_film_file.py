@@ -25,6 +25,7 @@ def path(tmp_path: Path) -> Path:
 
 def test_nothing_is_lost_and_the_bytes_are_the_same(path: Path) -> None:
     film, back = some_film(), read_film(path)
+    assert [frame.lights for frame in back.frames] == ["Gr", "rG"]
     assert film_bytes(back, "key") == path.read_bytes() == film_bytes(film, "key")
     assert back.arrived == film.arrived and back.dt_s == film.dt_s
     for one, two in zip(film.frames, back.frames, strict=True):

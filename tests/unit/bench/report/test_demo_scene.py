@@ -197,3 +197,12 @@ def test_a_path_that_cannot_be_written_is_named(tmp_path: Path, path: str) -> No
     with pytest.raises(InvalidValueError, match=re.escape(f"cannot write {tmp_path / path}: ")):
         write(tmp_path / path, "a title")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_page_has_the_lights_of_each_frame_and_bars_at_their_lines() -> None:
+    line = np.array([[2.0, 5.0], [-2.0, 5.0]])
+    given = scene(run())
+    frames = [replace(frame, lights=letter) for frame, letter in zip(given.frames, "Ggyrr", strict=True)]
+    data = replace(given, road_map=replace(given.road_map, stop_lines=(line,)), frames=frames).data()
+    assert [frame["lights"] for frame in data["frames"]] == list("Ggyrr")
+    assert np.shape(data["map"]["bars"]) == (1, 4, 2) and scene(run()).data()["map"]["bars"] == []

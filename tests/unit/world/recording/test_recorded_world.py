@@ -7,14 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lit_crossing import crossing
 from worlds import DT_S, SCENARIOS, make_world, table
 
 import coopsim
 from coopsim.envs.simulated.record_episode import recorded_scenario
 from coopsim.errors import InvalidValueError, RecordingError, UnknownNameError
+from coopsim.world.custom.place import place_from
 from coopsim.world.recording.episode_file import Episode, EpisodeHeader, EpisodeWriter
-from coopsim.world.recording.recorded_world import PlayedWorld
+from coopsim.world.recording.recorded_world import PlayedWorld, RecordedWorld
 from coopsim.world.scenario import make_scenario
+from coopsim.world.world import World
 
 
 def played(path: Path) -> PlayedWorld:
@@ -106,3 +109,19 @@ def test_bad_input_is_told_before_anything_is_written(tmp_path: Path) -> None:
     with pytest.raises(InvalidValueError, match="dt_s"):
         coopsim.record("crossing", path, dt_s=0.0)
     assert not path.exists()
+
+
+def test_traffic_lights_are_recorded_and_played_as_they_were(tmp_path: Path) -> None:
+    scenario = make_scenario(place_from(crossing(lights=True, cut=False), "lit"), vehicles=1, connected_cars=1)
+    world = World(scenario, 0)
+    recorded = RecordedWorld(world, tmp_path / "run", scenario, 0, 1.0)
+    shown = [recorded.map.lights]
+    for _ in range(30):
+        recorded.step(1.0)
+        assert recorded.map.lights == world.map.lights
+        shown.append(world.map.lights)
+    again = PlayedWorld(Episode(tmp_path / "run"), scenario)
+    assert len(set(shown)) > 2 and again.map.lights == shown[0]
+    for lights in shown[1:]:
+        again.step(1.0)
+        assert again.map.lights == lights
