@@ -9,14 +9,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from coopsim.data.maps.check import driven_lanes
-from coopsim.data.maps.place.lines import spaced
+from coopsim.data.maps.levels import crossings_in_height
 from coopsim.data.maps.street_map import StreetMap, StreetWay
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 
 _FEWEST_WAYS, _FEWEST_ROADS = 4, 2
 _LONG_M = 60.0  # lanes of a map without such junctions
-_STEP_M, _NEAR_M, _ABOVE_M = 4.0, 5.0, 3.0
 TWO_LEVELS = "places where roads cross on two levels"
 
 
@@ -46,7 +45,7 @@ def places_of(streets: StreetMap, radius_m: float) -> Places:
         long = [lane for lane in driven_lanes(streets) if lane.length_m >= _LONG_M]
         centres = [lane.line[len(lane.line) // 2, :2] for lane in long]
     found = np.array(centres).reshape(-1, 2)
-    bridges = _bridges(streets)
+    bridges = np.array([at for _, _, at in crossings_in_height(streets)]).reshape(-1, 2)
     flat = np.ones(len(found), np.bool_)
     if len(bridges) and len(found):
         flat = cKDTree(bridges).query(found)[0] > radius_m
@@ -64,17 +63,6 @@ def _middle(ways: list[StreetWay]) -> Floats:
     ends = np.concatenate([way.line[[0, -1], :2] for way in ways])
     middle: Floats = (ends.min(axis=0) + ends.max(axis=0)) / 2
     return middle
-
-
-def _bridges(streets: StreetMap) -> Floats:
-    """Return points (N, 2) m of driven lanes and ways with others above or below them."""
-    lines = [each.line for each in (*driven_lanes(streets), *streets.ways.values())]
-    if not lines or max(line[:, 2].max() for line in lines) - min(line[:, 2].min() for line in lines) < _ABOVE_M:
-        return np.zeros((0, 2))
-    points = np.concatenate([spaced(line, _STEP_M) for line in lines])
-    pairs = cKDTree(points[:, :2]).query_pairs(_NEAR_M, output_type="ndarray")
-    apart = np.abs(points[pairs[:, 0], 2] - points[pairs[:, 1], 2]) > _ABOVE_M
-    return points[np.unique(pairs[apart]), :2]
 
 
 def _spread(points: Floats) -> Floats:

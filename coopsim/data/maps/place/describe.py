@@ -9,6 +9,7 @@ import numpy as np
 from coopsim.config.annotated import Point
 from coopsim.data.maps.dress.surroundings import surroundings_of
 from coopsim.data.maps.place.clear import clear_of_roads, loop_ground
+from coopsim.data.maps.place.heights import heights_of
 from coopsim.data.maps.place.lights import signals_of
 from coopsim.data.maps.place.lines import heading_of, spaced
 from coopsim.data.maps.place.rights import add_yields
@@ -45,6 +46,7 @@ def describe_place(streets: StreetMap, seed: int) -> PlaceDescription:
         roads=(*roads, *loops),
         signals=signals_of(streets, ways, beside.crosswalks, seed),
         cut=True,
+        heights=heights_of(streets),
         **clear_of_roads(beside.fields, strips.all.values(), loops, nodes),
     )
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.data.maps.place.lines import spaced
 from coopsim.data.maps.street_map import DRIVEN, StreetMap
-from coopsim.geometry import exact
-from coopsim.geometry.se3 import Floats
 
 APART_M = 8.0
 """Distance between the places whose heights are kept: of all within a square of this size the mean counts."""
@@ -26,7 +25,7 @@ def heights_of(streets: StreetMap) -> tuple[tuple[float, float, float], ...]:
     lines += [way.line for way in streets.ways.values()]
     if not lines:
         return ()
-    points = np.concatenate([_spaced(line) for line in lines])
+    points = np.concatenate([spaced(line, APART_M / 2) for line in lines])
     if np.ptp(points[:, 2]) < _FLAT_M:
         return ()
     square = np.floor(points[:, :2] / APART_M).astype(np.int64)
@@ -36,10 +35,3 @@ def heights_of(streets: StreetMap) -> tuple[tuple[float, float, float], ...]:
     means = np.column_stack([np.bincount(own, points[:, axis]) / counts for axis in range(3)])
     means[:, 2] -= means[:, 2].min()
     return tuple((x, y, z) for x, y, z in (np.round(means, _DECIMALS) + 0.0).tolist())
-
-
-def _spaced(line: Floats) -> Floats:
-    """Return points (N, 3) m on a line (K, 3), at most half of `APART_M` apart."""
-    along_m = np.concatenate([[0.0], np.cumsum(exact.norm(np.diff(line[:, :2], axis=0)))])
-    at_m = np.linspace(0.0, along_m[-1], int(2 * along_m[-1] / APART_M) + 2)
-    return np.column_stack([np.interp(at_m, along_m, line[:, axis]) for axis in range(3)])
