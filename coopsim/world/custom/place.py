@@ -74,6 +74,9 @@ def build_place(description: PlaceDescription, name: str, root: Entry | None = N
     return Place(name, lambda: layout, _usual_population(layout), description)
 
 
+BUILDERS.register("drawn")(build_place)
+
+
 def build_layout(description: PlaceDescription, root: Entry) -> Layout:
     """Build all that a description says; errors are those of its entry."""
     roads = build_roads(description, root)

@@ -12,7 +12,7 @@ from coopsim.data.maps.place.lines import spaced
 from coopsim.data.maps.place.strips import Strip
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
-from coopsim.world.places.description import MapLane
+from coopsim.world.places.description import MapArea, MapLane
 from coopsim.world.places.streets import turning_loop
 
 _LEAST_M = {"buildings": 2.3, "walls": 2.3, "trees": 2.3, "rsus": 2.3, "parked": 3.3, "paved": 0.8}
@@ -65,4 +65,6 @@ def _points(part: Any) -> Floats:
     if not line:
         return np.array([part.at], dtype=np.float64)
     points = np.array(line, dtype=np.float64)
+    if isinstance(part, MapArea):  # there are thousands, and they are small
+        return points
     return spaced(np.vstack([points, points[:1]]), _STEP_M)[:, :2]

@@ -44,7 +44,8 @@ def signals_of(streets: StreetMap, strips: Sequence[Strip], crosswalks: Crosswal
                 walks = tuple(crosswalks[each.id] for each in crossings)
                 found.append(MapSignal(roads, phases, walks, program.offset_s))
                 continue
-        over = {each.id: _over(streets, each, inside) for each in crossings}
+        lines = [_with_lanes(streets, each) for each in inside] if crossings else []
+        over = {each.id: _over(each, lines) for each in crossings}
         crossings = [each for each in crossings if any(over[each.id])]
         phases = make_program(
             [_movement(streets, each) for each in inside],
@@ -98,13 +99,10 @@ def _length_m(crossing: StreetCrossing) -> float:
     return float(exact.norm(np.diff(crossing.line[:, :2], axis=0)).sum())
 
 
-def _over(
-    streets: StreetMap, crossing: StreetCrossing, strips: Sequence[Strip]
-) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the numbers of the ways that go over a crossing as they enter the junction, and as they leave it."""
+def _over(crossing: StreetCrossing, lines: Sequence[Floats]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the numbers of ways, of points (N, 2), that go over a crossing as they enter, and as they leave."""
     points, entered, left = spaced(crossing.line, 1.0)[:, :2], list[int](), list[int]()
-    for number, strip in enumerate(strips):
-        line = _with_lanes(streets, strip)
+    for number, line in enumerate(lines):
         apart_m = exact.norm(line[:, None] - points[None]).min(axis=1)
         if apart_m.min() < _OVER_M:
             (entered if int(np.argmin(apart_m)) < len(line) / 2 else left).append(number)

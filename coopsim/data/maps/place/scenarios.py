@@ -176,7 +176,7 @@ def _built(file: _File, options: MapOptions, around: tuple[float, float], seed: 
     cut = cut_out(file.streets, around, options.radius_m)
     if not any(lane.kind in DRIVEN for lane in cut.lanes.values()):
         raise InvalidValueError(f"no lane within radius_m={options.radius_m:g} of {around} leads to a junction there")
-    place = BUILDERS.get("described")(describe_place(cut, seed), f"{file.name}-{seed}")
+    place = BUILDERS.get("drawn")(describe_place(cut, seed), f"{file.name}-{seed}")
     lacking = needs.lacking(place)
     if lacking is not None:
         raise InvalidValueError(lacking)
