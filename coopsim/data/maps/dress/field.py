@@ -70,7 +70,9 @@ class Field:
 
     def lines(self, level_m: float) -> list[Floats]:
         """Return all lines (N, 2) m at a distance from the surface, closed, which is on their left."""
-        points, ends = _contours(self.distance_m - level_m)
+        values = np.full(self.distance_m.shape, _REACH_M)  # at the grid's edge, too: lines end nowhere
+        values[1:-1, 1:-1] = self.distance_m[1:-1, 1:-1] - level_m
+        points, ends = _contours(values)
         return np.split(self.low + self.step_m * points, ends[:-1]) if len(ends) else []
 
 

@@ -144,7 +144,8 @@ def runs(line: Floats, wanted: Mask, barred: Mask) -> list[Floats]:
             if gap_m[start:end].sum() < _GAP_M and not barred[start:end].any():
                 wanted[start:end] = True
     if wanted.all():
-        return [np.concatenate([line, line[:1]])]
+        closed = np.concatenate([line, line[:1]])
+        return [closed] if _length_m(closed) > _SHORT_M else []
     first = int(np.flatnonzero(~wanted & np.roll(wanted, 1))[0])
     line, wanted = np.roll(line, -first, axis=0), np.roll(wanted, -first)
     starts, ends = _gaps(wanted)
