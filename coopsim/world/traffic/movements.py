@@ -48,8 +48,11 @@ def clearances(network: RoadNetwork, movements: Sequence[Road], clearance_m: flo
     nodes: dict[str, int] = {}
     origin = np.array([nodes.setdefault(start, len(nodes)) for start, _ in movements])
     gentle = np.array([lane.tightest_m > GENTLE_M for lane in lanes])
-    near_m = np.where(gentle[:, None] & gentle, clearance_m, CLEARANCE_M)
-    last = _last_near(np.concatenate(lines), first, origin, near_m, _beside(lanes, near_m))
+    straight = gentle[:, None] & gentle
+    near_m = np.where(straight, clearance_m, CLEARANCE_M)
+    beside_m = _beside(lanes, near_m)
+    # Narrow lanes of opposite directions lie side by side, too.
+    last = _last_near(np.concatenate(lines), first, origin, np.where(straight, beside_m, near_m), beside_m)
     counts, length_m = np.diff(first), np.array([lane.length for lane in lanes])
     clear_m: Floats = np.where(last >= 0, last / (counts - 1) * length_m, -np.inf)
     return clear_m
