@@ -46,9 +46,10 @@ def places_of(streets: StreetMap, radius_m: float) -> Places:
         centres = [lane.line[len(lane.line) // 2, :2] for lane in long]
     found = np.array(centres).reshape(-1, 2)
     bridges = np.array([at for _, _, at in crossings_in_height(streets)]).reshape(-1, 2)
-    flat = np.ones(len(found), np.bool_)
+    apart_m = np.full(len(found), np.inf)
     if len(bridges) and len(found):
-        flat = cKDTree(bridges).query(found)[0] > radius_m
+        apart_m = np.asarray(cKDTree(bridges).query(found)[0])
+    flat = apart_m > radius_m
     count = int((~flat).sum())
     return Places(_spread(found[flat]), {TWO_LEVELS: count} if count else {})
 

@@ -36,8 +36,8 @@ def clear_of_roads(
         outlines = [_points(each) for each in parts]
         owner = np.repeat(np.arange(len(parts)), [len(each) for each in outlines])
         points = np.concatenate(outlines)
-        near = tree.query(points, distance_upper_bound=least_m)[0] < least_m
-        near |= (exact.norm(points[:, None] - discs[None, :, :2]) < discs[:, 2]).any(axis=1)
+        beside = np.asarray(tree.query(points, distance_upper_bound=least_m)[0]) < least_m
+        near = beside | (exact.norm(points[:, None] - discs[None, :, :2]) < discs[:, 2]).any(axis=1)
         barred = {id(parts[k]) for k in np.unique(owner[near]).tolist()}
         found[name] = tuple(each for each in fields[name] if id(each) not in barred)
     return found

@@ -64,7 +64,7 @@ def cut_out(streets: StreetMap, around: tuple[float, float], radius_m: float) ->
         for each in streets.crossings
         if _reach_m(each.line - centre) < radius_m
     )
-    programs = {each.program for each in (*ways.values(), *crossings)}
+    programs = {way.program for way in ways.values()} | {each.program for each in crossings}
     return dataclasses.replace(
         streets,
         lanes=kept,
@@ -110,7 +110,7 @@ def distances_m(lines: Iterable[Floats], point: Floats) -> Floats:
 
 def _near(streets: StreetMap, centre: Floats, radius_m: float) -> list[StreetLane | StreetWay]:
     """Return the lanes and ways that come into the circle."""
-    every = [*streets.lanes.values(), *streets.ways.values()]
+    every: list[StreetLane | StreetWay] = [*streets.lanes.values(), *streets.ways.values()]
     apart = distances_m((each.line for each in every), centre[:2])
     return [every[k] for k in np.flatnonzero(apart < radius_m).tolist()]
 

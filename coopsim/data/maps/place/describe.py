@@ -105,7 +105,9 @@ def _loops(strips: Strips) -> list[MapLane]:
             if not opposite or not _LOOP_M[0] < aside_m < _LOOP_M[1] or float(exact.norm(across)) > 1.02 * aside_m:
                 continue
             (*middle, radius_m), _ = loop_ground(leaving.line[-1, :2], coming.line[0, :2], 0.0)
-            others = np.concatenate([lanes[name] for name in lanes if name not in (leaving.name, coming.name)] or [[]])
+            others = np.concatenate(
+                [np.zeros((0, 2)), *(lanes[name] for name in lanes if name not in (leaving.name, coming.name))]
+            )
             if not len(others) or float(exact.norm(others - np.array(middle)).min()) > radius_m:
                 loops.append(MapLane(leaving.end, coming.start, turn="around"))
                 entries.remove(coming)
