@@ -94,7 +94,7 @@ def _loops(strips: Strips) -> list[MapLane]:
     lanes = {each.name: spaced(each.line, 1.0)[:, :2] for each in strips.all.values()}
     exits = [each for node, found in ending.items() if node not in starting for each in found if each.way is None]
     entries = [each for node, found in starting.items() if node not in ending for each in found if each.way is None]
-    loops = []
+    loops, taken = list[MapLane](), list[list[float]]()
     for leaving in exits:
         heading = heading_of(leaving.line[-2:])
         left = np.array([-exact.sin(heading), exact.cos(heading)])
@@ -108,7 +108,9 @@ def _loops(strips: Strips) -> list[MapLane]:
             others = np.concatenate(
                 [np.zeros((0, 2)), *(lanes[name] for name in lanes if name not in (leaving.name, coming.name))]
             )
-            if not len(others) or float(exact.norm(others - np.array(middle)).min()) > radius_m:
+            free = not len(others) or float(exact.norm(others - np.array(middle)).min()) > radius_m
+            if free and all(float(exact.norm(np.subtract(middle, each))) > 2 * radius_m for each in taken):
+                taken.append(middle)
                 loops.append(MapLane(leaving.end, coming.start, turn="around"))
                 entries.remove(coming)
                 break
