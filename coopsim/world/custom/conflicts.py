@@ -10,9 +10,9 @@ from coopsim.types import Ints, Mask
 from coopsim.world.places.polyline import PolylineLane
 from coopsim.world.places.road_network import Lane, Road, RoadNetwork
 
-BEND_M, BESIDE_M = 20.0, 4.2
+BEND_M, BESIDE_M, LONGEST_M = 20.0, 4.2, 40.0
 """Two lanes with bends of less than this radius, as maps have them, conflict where they lie nearer than that: long
-vehicles need both."""
+vehicles need both. Longer lanes do not: vehicles wait at their beginning, far from the bend."""
 
 CHORD_M = 1.0
 """Longest chord of an arc: 2 cm from it at a radius of 6 m."""
@@ -32,9 +32,13 @@ def conflicting_roads(network: RoadNetwork) -> tuple[Road, ...]:
     first = np.cumsum([0, *(len(line) for line in lines)])
     nodes: dict[str, int] = {}
     ends = np.array([[nodes.setdefault(node, len(nodes)) for node in road] for road in lanes])
-    bends = np.array([isinstance(lane, PolylineLane) and lane.tightest_m < BEND_M for lane in lanes.values()])
+    bends = np.array([_is_bend(lane) for lane in lanes.values()])
     found = _in_conflict(np.concatenate(lines), first, ends, bends)
     return tuple(road for road, conflicts in zip(lanes, found, strict=True) if conflicts)
+
+
+def _is_bend(lane: Lane) -> bool:
+    return isinstance(lane, PolylineLane) and lane.tightest_m < BEND_M and lane.length < LONGEST_M
 
 
 def middle_line(lane: Lane) -> Floats:

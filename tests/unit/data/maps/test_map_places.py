@@ -18,7 +18,10 @@ from coopsim.data.maps.place.strips import strips_of
 from coopsim.data.maps.reading import read_map
 from coopsim.data.maps.street_map import SignalProgram, StreetJunction, StreetLane, StreetMap, StreetWay, Turn
 from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.world.custom.conflicts import conflicting_roads
 from coopsim.world.drawn_places import choose_scenarios, find_drawer, is_place_file
+from coopsim.world.places.polyline import PolylineLane
+from coopsim.world.places.road_network import RoadNetwork
 
 
 def lane(name: str, *points: tuple[float, float], **more: object) -> StreetLane:
@@ -172,3 +175,13 @@ def test_wrong_options_are_named(tmp_path: Path, options: dict[str, object], sai
     path = str(written(tmp_path, THREE_ROADS, "map.xodr"))
     with pytest.raises((InvalidValueError, UnknownNameError), match=said):
         choose_scenarios(path, detail="plain", **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("radius_m", "meet"), [(8.0, True), (40.0, False)])
+def test_oncoming_vehicles_take_turns_in_a_narrow_bend(radius_m: float, meet: bool) -> None:
+    angle = np.linspace(0.0, np.pi / 2, 8)
+    network = RoadNetwork()
+    for name, radius, flip in (("in", radius_m, 1), ("out", radius_m + 4.0, -1)):
+        bend = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+        network.add_lane(f"{name} a", f"{name} b", PolylineLane(bend[::flip]))
+    assert len(conflicting_roads(network)) == (2 if meet else 0)
