@@ -14,7 +14,8 @@ from coopsim.errors import InvalidValueError, MapWarning
 
 def _add_map(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("map", type=Path, metavar="FILE", help="OpenDRIVE (.xodr) or a network of SUMO (.net.xml), or in gzip (.gz)")
+    formats = "OpenDRIVE (.xodr), SUMO (.net.xml), OpenStreetMap or Lanelet2 (.osm), plain or in gzip (.gz)"
+    add("map", type=Path, metavar="FILE", help=formats)
     add("--picture", type=Path, metavar="FILE.png", help="draw the map, or a place of it, from above")
     add("--place-seed", type=count_or_zero, metavar="N", help="draw the place with this seed, as environments have it")
     add("--around", metavar="X,Y", help="draw the place around a point of the map's plane, m")
@@ -56,5 +57,9 @@ MAP = Command(
     "read a map of another program: say what is in it, left out and repaired, check its lanes, and draw it",
     _add_map,
     _run_map,
-    ("coopsim map Town05.xodr.gz --picture place.png --place-seed 3", "coopsim map cologne8.net.xml"),
+    (
+        "coopsim map Town05.xodr.gz --picture place.png --place-seed 3",
+        "coopsim map cologne8.net.xml",
+        "coopsim map district.osm",
+    ),
 )

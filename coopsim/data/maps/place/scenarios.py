@@ -254,5 +254,5 @@ class MapPlaces(DrawnPlaces):
         return MapScenarios(open_file(self._path), seeds, options, density, detail, numbers)
 
 
-for _end in (".xodr", ".net.xml"):
+for _end in (".xodr", ".net.xml", ".osm"):
     PLACE_FILES.register(_end)(MapPlaces)
