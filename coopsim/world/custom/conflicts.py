@@ -7,14 +7,21 @@ import numpy as np
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints, Mask
+from coopsim.world.places.polyline import PolylineLane
 from coopsim.world.places.road_network import Lane, Road, RoadNetwork
+
+BEND_M, BESIDE_M, LONGEST_M = 20.0, 4.2, 40.0
+"""Two lanes with bends of less than this radius, as maps have them, conflict where they lie nearer than that: long
+vehicles need both. Longer lanes do not: vehicles wait at their beginning, far from the bend."""
 
 CHORD_M = 1.0
 """Longest chord of an arc: 2 cm from it at a radius of 6 m."""
 
 
 def conflicting_roads(network: RoadNetwork) -> tuple[Road, ...]:
-    """Return roads whose middle line crosses another's or ends where another ends, in the network's order.
+    """Return roads whose middle line crosses another's, ends where another ends, or turns beside it.
+
+    They are in the network's order.
 
     Roads that follow each other, or part at one node, do not conflict there. Of each road its first lane counts.
     """
@@ -25,8 +32,13 @@ def conflicting_roads(network: RoadNetwork) -> tuple[Road, ...]:
     first = np.cumsum([0, *(len(line) for line in lines)])
     nodes: dict[str, int] = {}
     ends = np.array([[nodes.setdefault(node, len(nodes)) for node in road] for road in lanes])
-    found = _in_conflict(np.concatenate(lines), first, ends)
+    bends = np.array([_is_bend(lane) for lane in lanes.values()])
+    found = _in_conflict(np.concatenate(lines), first, ends, bends)
     return tuple(road for road, conflicts in zip(lanes, found, strict=True) if conflicts)
+
+
+def _is_bend(lane: Lane) -> bool:
+    return isinstance(lane, PolylineLane) and lane.tightest_m < BEND_M and lane.length < LONGEST_M
 
 
 def middle_line(lane: Lane) -> Floats:
@@ -35,11 +47,11 @@ def middle_line(lane: Lane) -> Floats:
 
 
 @njit(cache=True, nogil=True)
-def _in_conflict(points: Floats, first: Ints, ends: Ints) -> Mask:
+def _in_conflict(points: Floats, first: Ints, ends: Ints, bends: Mask) -> Mask:
     """Return the mask (K,) of lines that conflict with another.
 
     `points` (P, 2) m are those of all lines, `first` (K + 1,) the first one of each line, and P; `ends` (K, 2) the
-    nodes that each leads from and to.
+    nodes that each leads from and to, and `bends` (K,) which ones are curved lanes with a narrow bend.
     """
     count = len(ends)
     found = np.zeros(count, np.bool_)
@@ -55,7 +67,21 @@ def _in_conflict(points: Floats, first: Ints, ends: Ints) -> Mask:
                 _touch(box[a], box[b]) and lines_cross(points[first[a] : first[a + 1]], points[first[b] : first[b + 1]])
             ):
                 found[a] = found[b] = True
+            elif bends[a] and bends[b] and _touch(box[a], box[b]):
+                beside = _lie_near(points[first[a] : first[a + 1]], points[first[b] : first[b + 1]])
+                found[a], found[b] = found[a] or beside, found[b] or beside
     return found
+
+
+@njit(cache=True, nogil=True)
+def _lie_near(a: Floats, b: Floats) -> bool:
+    """Return whether a point of a polyline (N, 2) lies near one of another (M, 2)."""
+    for i in range(len(a)):
+        for k in range(len(b)):
+            dx, dy = a[i, 0] - b[k, 0], a[i, 1] - b[k, 1]
+            if dx * dx + dy * dy < BESIDE_M * BESIDE_M:
+                return True
+    return False
 
 
 @njit(cache=True, nogil=True)

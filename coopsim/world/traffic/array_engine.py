@@ -16,14 +16,15 @@ from coopsim.types.messages import MANEUVERS
 from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.road_network import Road
 from coopsim.world.places.signals import Signal
+from coopsim.world.traffic.asked import stop_line_m
 from coopsim.world.traffic.drivers import ACC_MAX, change_lane, drive, follow, is_reachable, nearest_on_route, stop_at
 from coopsim.world.traffic.fleet import CHAUFFEURED, PARKED, PEDALLED, TOWN, UNYIELDING, Fleet, bodies_of
 from coopsim.world.traffic.lanes import LaneArrays, NumberedNetwork
 from coopsim.world.traffic.lights import Lights
 from coopsim.world.traffic.motion import SPEED_GAIN_1_S, collide, move, steer
-from coopsim.world.traffic.movements import movements_of
+from coopsim.world.traffic.movements import Movements, movements_of
 from coopsim.world.traffic.neighbours import Scene, list_along_lanes
-from coopsim.world.traffic.right_of_way import GRANTED, grant, line_ahead
+from coopsim.world.traffic.right_of_way import grant
 from coopsim.world.traffic.routes import end_of_route, follow_road, plan_ahead
 from coopsim.world.traffic.way_ahead import way_ahead
 
@@ -83,7 +84,7 @@ class ArrayEngine:
         movements = self.lights.movements
         if len(movements.role):
             grant(self._network, fleet.rows, fleet.routes, movements)
-        _act(self._network, fleet.rows, fleet.routes, bodies_of(fleet.rows, people), movements.of_road)
+        _act(self._network, fleet.rows, fleet.routes, bodies_of(fleet.rows, people), movements)
         move(self._network, fleet.rows, dt_s)
         collide(fleet.rows, bodies_of(fleet.rows, people), dt_s)
 
@@ -120,7 +121,7 @@ def closest_speed(speeds: Floats, speed: float) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[Any], movement_of: Ints) -> None:
+def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[Any], movements: Movements) -> None:
     """Decide steering and acceleration of all vehicles."""
     scene = Scene(network, rows, routes, bodies, list_along_lanes(network, bodies))
     for me in range(len(rows)):
@@ -135,7 +136,7 @@ def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[
         elif vehicle.crashed or vehicle.driver == PARKED:
             continue
         elif vehicle.driver in (TOWN, UNYIELDING):
-            vehicle.acceleration = min(max(_drive_in_town(scene, me, movement_of), -ACC_MAX), ACC_MAX)
+            vehicle.acceleration = min(max(_drive_in_town(scene, me, movements), -ACC_MAX), ACC_MAX)
         else:
             plan_ahead(network, vehicle, route)
             follow_road(network, vehicle, route)
@@ -145,17 +146,16 @@ def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _drive_in_town(scene: Scene, me: int, movement_of: Ints) -> float:
+def _drive_in_town(scene: Scene, me: int, movements: Movements) -> float:
     network, vehicle, route = scene.network, scene.rows[me], scene.routes[me]
     plan_ahead(network, vehicle, route)
     leader, leader_m = nearest_on_route(scene, me)
     follow_road(network, vehicle, route)
     plan_ahead(network, vehicle, route)
     acceleration = drive(scene, me, leader, leader_m)
-    if vehicle.ticket > GRANTED:
-        _, line_m = line_ahead(network, vehicle, route, movement_of)
-        if 0 < line_m < np.inf:
-            acceleration = min(acceleration, stop_at(scene, me, line_m))
+    line_m = stop_line_m(network, vehicle, route, movements)
+    if line_m < np.inf:
+        acceleration = min(acceleration, stop_at(scene, me, line_m))
     if vehicle.ends and network.roads[route[vehicle.route_length - 1, 0]].ways == 0:
         acceleration = min(acceleration, stop_at(scene, me, end_of_route(network, vehicle, route)))
     return acceleration

@@ -15,6 +15,7 @@ from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.polyline import PolylineLane
 from coopsim.world.places.road_network import Lane, Road, RoadNetwork
 from coopsim.world.traffic.lanes import NumberedNetwork
+from coopsim.world.traffic.swept import clearances_of_long
 
 GENTLE_M = 60.0
 """In bends of a larger radius long vehicles hardly swing out: they count as straight."""
@@ -47,8 +48,11 @@ def clearances(network: RoadNetwork, movements: Sequence[Road], clearance_m: flo
     nodes: dict[str, int] = {}
     origin = np.array([nodes.setdefault(start, len(nodes)) for start, _ in movements])
     gentle = np.array([lane.tightest_m > GENTLE_M for lane in lanes])
-    near_m = np.where(gentle[:, None] & gentle, clearance_m, CLEARANCE_M)
-    last = _last_near(np.concatenate(lines), first, origin, near_m, _beside(lanes, near_m))
+    straight = gentle[:, None] & gentle
+    near_m = np.where(straight, clearance_m, CLEARANCE_M)
+    beside_m = _beside(lanes, near_m)
+    # Narrow lanes of opposite directions lie side by side, too.
+    last = _last_near(np.concatenate(lines), first, origin, np.where(straight, beside_m, near_m), beside_m)
     counts, length_m = np.diff(first), np.array([lane.length for lane in lanes])
     clear_m: Floats = np.where(last >= 0, last / (counts - 1) * length_m, -np.inf)
     return clear_m
@@ -122,7 +126,10 @@ class Movements(NamedTuple):
 
     Attributes:
         of_road: (R,) number of the movement that a road is, -1: none.
+        road: (K,) the road of each.
         clear_m: (K, K) m, see `clearances`.
+        long_clear_m: (K, K) m, the same where one of the two vehicles is long.
+        back_m: (K,) m, how far back from their lines vehicles have to wait.
         role: (K,) `FIRST`, `USUAL` or `YIELDS`.
         exit: (K,) node that a movement leads to.
         yields: (K, K) whether the first gives way to the second.
@@ -133,7 +140,10 @@ class Movements(NamedTuple):
     """
 
     of_road: Ints
+    road: Ints
     clear_m: Floats
+    long_clear_m: Floats
+    back_m: Floats
     role: Ints
     exit: Ints
     yields: Mask
@@ -179,4 +189,6 @@ def movements_of(
         role = np.where(yields.any(axis=1), YIELDS, np.where(first | yields.any(axis=0), FIRST, USUAL))
     none = np.zeros(len(roads), np.bool_)
     braking_m_s2 = BRAKING_M_S2 if given or lights else np.inf
-    return Movements(of_road, clear_m, role, exits, yields, none, none, braking_m_s2)
+    road = np.array(numbers, dtype=np.int64)
+    long_clear_m, back_m = clearances_of_long(network.source, roads, clear_m)
+    return Movements(of_road, road, clear_m, long_clear_m, back_m, role, exits, yields, none, none, braking_m_s2)

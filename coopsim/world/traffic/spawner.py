@@ -25,6 +25,7 @@ from coopsim.world.traffic.lanes import NumberedNetwork
 from coopsim.world.traffic.rules import PARKED_ASIDE_M
 
 _BRAKING_M_S2 = 5.0  # of a vehicle that starts right behind a slower one
+_STAND_M, _LINE_BRAKING_M_S2 = 8.0, 3.0  # from the middle of a waiting car to its line; braking before it
 _GAP_M = 0.5  # left when it has braked
 _TURN_RAD = 0.3  # a vehicle with another heading is not ahead
 
@@ -51,6 +52,7 @@ class Spawner:
         self._layout, self._network, self._models, self._seed = layout, network, models, seed
         self.rng, self._turns_rng = stream(seed, "traffic"), stream(seed, "drivers")
         self._next_id = 1
+        self._lines = {start for start, _ in layout.movements}
 
     def choose_starts(self, population: Population) -> tuple[list[int], list[int]]:
         """Return the slots of the vehicles, ascending, and their classes.
@@ -93,9 +95,18 @@ class Spawner:
         start = StartSlot(slot.lane, along, slot.route)
         row = self._put(fleet, k, driver, start, model, int(self._turns_rng.integers(2**63)))
         row["speed"] = row["target_speed"] = speed
+        if self._layout.cut:
+            row["speed"] = min(speed, self._stopping_m_s(start))
         if driver == CHAUFFEURED:
             speeds = np.array(self._layout.speeds_m_s)
             row["target_speed"] = speeds[closest_speed(speeds, speed)]
+
+    def _stopping_m_s(self, start: StartSlot) -> float:
+        """Return the speed from which a new vehicle can stop where it may have to wait, at the end of its lane."""
+        if start.lane[1] not in self._lines:
+            return np.inf
+        left_m = self._layout.network.get_lane(start.lane).length - start.along_m - _STAND_M
+        return float(np.sqrt(2 * _LINE_BRAKING_M_S2 * max(left_m, 0.0)))
 
     def cast(self, fleet: Fleet, k: int, driver: int, role: VehicleRole) -> None:
         """Put a vehicle of a script into row `k`; a driver who starts from a stand wants the lane's limit."""

@@ -1,0 +1,70 @@
+"""What is beside roads, without what would stand in the way: some lanes of a place are not quite those of the map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from coopsim.data.maps.place.lines import spaced
+from coopsim.data.maps.place.strips import Strip
+from coopsim.geometry import exact
+from coopsim.geometry.se3 import Floats
+from coopsim.world.places.description import MapArea, MapLane
+from coopsim.world.places.streets import turning_loop
+
+_LEAST_M = {"buildings": 2.3, "walls": 2.3, "trees": 2.3, "rsus": 2.3, "parked": 3.3, "paved": 0.8}
+"""Least distances from the middles of lanes, by the field of a description; somewhat more than places accept."""
+
+_STEP_M = 0.6
+_SIDE_M = 3.5  # from the middle of a loop's lanes to what stands there
+
+
+def clear_of_roads(
+    fields: Mapping[str, Any], strips: Iterable[Strip], loops: Sequence[MapLane], nodes: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return fields of a description without parts that are too near to lanes, or to loops to turn round in."""
+    tree = cKDTree(np.concatenate([spaced(each.line, _STEP_M)[:, :2] for each in strips]))
+    discs = np.array([disc for loop in loops for disc in _ground(loop, nodes)]).reshape(-1, 3)
+    found = {name: part for name, part in fields.items() if name != "furniture"}  # drawn in full detail, all of it
+    for name, least_m in _LEAST_M.items():
+        parts = [each for each in fields.get(name, ()) if name != "paved" or each.kind == "pavement"]
+        if not parts:
+            continue
+        outlines = [_points(each) for each in parts]
+        owner = np.repeat(np.arange(len(parts)), [len(each) for each in outlines])
+        points = np.concatenate(outlines)
+        beside = np.asarray(tree.query(points, distance_upper_bound=least_m)[0]) < least_m
+        near = beside | (exact.norm(points[:, None] - discs[None, :, :2]) < discs[:, 2]).any(axis=1)
+        barred = {id(parts[k]) for k in np.unique(owner[near]).tolist()}
+        found[name] = tuple(each for each in fields[name] if id(each) not in barred)
+    return found
+
+
+def _ground(loop: MapLane, nodes: Mapping[str, Any]) -> Floats:
+    return loop_ground(np.array(nodes[loop.start]), np.array(nodes[loop.end]), _SIDE_M)
+
+
+def loop_ground(start: Floats, end: Floats, side_m: float) -> Floats:
+    """Return the ground (2, 3) that a loop from a point (2,) to another takes: discs, x, y and radius, m.
+
+    `side_m` is from the middle of its lanes to their side. The first disc is that of the bend.
+    """
+    wide_m = float(exact.norm(end - start))
+    ahead = np.array([end[1] - start[1], start[0] - end[0]]) / max(wide_m, 1e-9)
+    (reach_m, _), (radius_m, *_) = turning_loop(wide_m / 2)[1]
+    far, near = (start + end) / 2 + reach_m * ahead, (start + end) / 2 + reach_m / 2 * ahead
+    return np.array([[*far, radius_m + side_m], [*near, max(wide_m / 2, reach_m / 2) + side_m]])
+
+
+def _points(part: Any) -> Floats:
+    """Return points (N, 2) of a part: its place, or along its line or outline."""
+    line = getattr(part, "outline", None) or getattr(part, "along", None)
+    if not line:
+        return np.array([part.at], dtype=np.float64)
+    points = np.array(line, dtype=np.float64)
+    if isinstance(part, MapArea):  # there are thousands, and they are small
+        return points
+    return spaced(np.vstack([points, points[:1]]), _STEP_M)[:, :2]

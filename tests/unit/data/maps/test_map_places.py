@@ -1,0 +1,187 @@
+"""Places of maps: their lanes, right of way, lights and loops, and scenarios in them."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tiny_maps import SUMO, THREE_ROADS, written
+
+from coopsim.data.maps.place.cut import cut_out
+from coopsim.data.maps.place.describe import describe_place
+from coopsim.data.maps.place.lines import rounded, simplified, turns_rad
+from coopsim.data.maps.place.rights import add_yields
+from coopsim.data.maps.place.strips import strips_of
+from coopsim.data.maps.reading import read_map
+from coopsim.data.maps.street_map import SignalProgram, StreetJunction, StreetLane, StreetMap, StreetWay, Turn
+from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.world.custom.conflicts import conflicting_roads
+from coopsim.world.drawn_places import choose_scenarios, find_drawer, is_place_file
+from coopsim.world.places.polyline import PolylineLane
+from coopsim.world.places.road_network import RoadNetwork
+
+
+def lane(name: str, *points: tuple[float, float], **more: object) -> StreetLane:
+    line = np.array([[*point, 0.0] for point in points])
+    return StreetLane(name, name, "drive", line, np.full(len(line), 3.5), **more)  # type: ignore[arg-type]
+
+
+def map_of(*lanes: StreetLane, **links: tuple[str, ...]) -> StreetMap:
+    return StreetMap(
+        source="x", format="x", lanes={each.id: each for each in lanes}, links=links, ways={}, junctions={}
+    )
+
+
+@pytest.fixture
+def three_roads(tmp_path: Path) -> StreetMap:
+    return cut_out(read_map(written(tmp_path, THREE_ROADS, "map.xodr")), (110.0, -5.0), 90.0)
+
+
+@pytest.fixture
+def lit(tmp_path: Path) -> StreetMap:
+    return cut_out(read_map(written(tmp_path, SUMO, "map.net.xml")), (105.0, -2.0), 80.0)
+
+
+def test_lanes_that_follow_each_other_are_one() -> None:
+    lanes = lane("a", (0, 0), (50, 0)), lane("b", (50, 0), (60, 0)), lane("c", (60, 0), (100, 5))
+    strips = strips_of(map_of(*lanes, a=("b",), b=("c",))).all
+    assert set(strips) == {"a"} and strips["a"].line[-1].tolist() == [100.0, 5.0, 0.0]
+
+
+def test_a_lane_that_opens_begins_in_its_neighbour() -> None:
+    lanes = (
+        lane("a", (0, 0), (50, 0)),
+        lane("b", (50, 0), (150, 0), right="c"),
+        lane("c", (50, -3.5), (150, -3.5), left="b"),
+    )
+    strips = strips_of(map_of(*lanes, a=("b",))).all
+    assert strips["c"].start == strips["b"].start == strips["a"].end
+    assert strips["c"].line[0].tolist() == [50.0, 0.0, 0.0]
+    assert strips["c"].line[-1].tolist() == [150.0, -3.5, 0.0]
+
+
+def test_a_lane_that_closes_joins_its_neighbour_and_yields() -> None:
+    lanes = (
+        lane("a", (0, 0), (100, 0), right="c"),
+        lane("b", (100, 0), (200, 0)),
+        lane("c", (0, -3.5), (100, -3.5), left="a"),
+    )
+    strips = strips_of(map_of(*lanes, a=("b",))).all
+    assert strips["c~"].end == strips["a~"].end == strips["b"].start
+    assert strips["c~"].yields == ("a~",) and strips["a~"].yields == ()
+    assert strips["c~"].length_m == pytest.approx(30.0, abs=0.5), "only the last metres are a join"
+
+
+def test_a_lane_that_the_circle_cuts_does_not_join_its_neighbour() -> None:
+    lanes = (
+        lane("a", (0, 0), (100, 0), right="c"),
+        lane("b", (100, 0), (200, 0)),
+        lane("c", (0, -3.5), (70, -3.5), left="a"),
+    )
+    strips = strips_of(map_of(*lanes, a=("b",))).all
+    assert strips["c"].line[-1].tolist() == [70.0, -3.5, 0.0]
+
+
+def test_the_file_says_who_yields(three_roads: StreetMap) -> None:
+    roads = {(road.start, road.end): road for road in describe_place(three_roads, 0).roads}
+    ahead, right = roads["1.0.-1>", "2.0.-1<"], roads["1.0.-1>", "3.0.-1<"]
+    assert right.yields == (("1.0.-1>", "2.0.-1<"),) and ahead.yields == ()
+    assert all(road.curved or road.turn == "around" for road in roads.values())
+
+
+def way(start: str, end: str, turn: Turn, *points: tuple[float, float]) -> StreetWay:
+    line = np.array([[*point, 0.0] for point in points])
+    return StreetWay(f"{start}>{end}", start, end, "j", line, np.full(len(line), 3.5), None, turn)
+
+
+@pytest.mark.parametrize("left_hand", [False, True])
+def test_without_a_word_from_the_file_turns_across_yield_to_oncoming_traffic(left_hand: bool) -> None:
+    side = -1.0 if left_hand else 1.0
+    turn: Turn = "right" if left_hand else "left"
+    lanes = (
+        lane("in", (-60, -2 * side), (0, -2 * side)), lane("out", (20, -2 * side), (80, -2 * side)),
+        lane("coming", (80, 2 * side), (20, 2 * side)), lane("gone", (0, 2 * side), (-60, 2 * side)),
+        lane("up", (12, 12 * side), (12, 60 * side)),
+    )  # fmt: skip
+    corner = ((0.0, -2 * side), (6.0, -1.5 * side), (10.0, 2 * side), (11.5, 6 * side), (12.0, 12 * side))
+    ways = (
+        way("in", "out", "straight", (0, -2 * side), (20, -2 * side)), way("in", "up", turn, *corner),
+        way("coming", "gone", "straight", (20, 2 * side), (0, 2 * side)),
+    )  # fmt: skip
+    streets = replace(
+        map_of(*lanes),
+        ways={each.id: each for each in ways},
+        junctions={"j": StreetJunction("j", "")},
+        left_hand=left_hand,
+    )
+    strips = strips_of(streets)
+    inside = [each for each in strips.all.values() if each.way]
+    add_yields(streets, inside)
+    assert {each.name: each.yields for each in inside} == {"in>up": ("coming>gone",), "coming>gone": ()}
+
+
+def test_a_program_of_the_file_runs_and_an_endless_one_is_replaced(lit: StreetMap) -> None:
+    (signal,) = describe_place(lit, 0).signals
+    assert [(phase.seconds, phase.state[:2]) for phase in signal.phases] == [(20.0, "Gg"), (5.0, "rr")]
+    endless = replace(lit, programs={"J": SignalProgram("J", 0.0, ((10_000.0, "Ggr"),))})
+    made = describe_place(endless, 0).signals
+    assert all(phase.seconds <= 120.0 for signal in made for phase in signal.phases)
+
+
+def test_points_that_are_not_needed_are_left_out_and_corners_are_round() -> None:
+    line = np.array([[0.0, 0, 0], [10, 0.01, 0], [20, 0, 0], [20, 20, 0]])
+    kept, width_m = simplified(line, np.full(4, 3.0))
+    assert kept.tolist() == line[[0, 2, 3]].tolist() and len(width_m) == 3
+    smooth, _ = rounded(kept, width_m)
+    assert np.degrees(turns_rad(smooth).max()) < 30 and smooth[[0, -1]].tolist() == line[[0, -1]].tolist()
+
+
+def test_a_map_is_a_scenario_by_its_path(tmp_path: Path) -> None:
+    path = str(written(tmp_path, THREE_ROADS, "map.xodr"))
+    assert is_place_file(path) and is_place_file(Path(path)) and not is_place_file("town")
+    assert find_drawer("town") is not None and find_drawer("crossing") is None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        scenarios = choose_scenarios(
+            path,
+            around=(110.0, -5.0),
+            radius_m=90.0,
+            connected_cars=1,
+            vehicles=3,
+            rsus=0,
+            pedestrians=0,
+            detail="plain",
+        )
+        one, two, again = scenarios.of(3), scenarios.of(4), scenarios.of(3)
+    assert one.description == again.description and one.place_seed == 3
+    assert one.description is not None and two.description is not None
+    assert one.description.roads == two.description.roads and one.description.cut
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"around": "here"}, "around must be two numbers, x and y in m"),
+        ({"around": (5000, 0)}, "around must be at most 60 m from a lane"),
+        ({"radius_m": 20}, "radius_m must be"),
+        ({"around": (110, -5), "rsus": 99}, "places with less than 99 places for roadside units"),
+        ({"around": (110, -5), "vehicles": 3, "penetration": None, "lanes": 2}, "lanes"),
+    ],
+)
+def test_wrong_options_are_named(tmp_path: Path, options: dict[str, object], said: str) -> None:
+    path = str(written(tmp_path, THREE_ROADS, "map.xodr"))
+    with pytest.raises((InvalidValueError, UnknownNameError), match=said):
+        choose_scenarios(path, detail="plain", **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("radius_m", "meet"), [(8.0, True), (40.0, False)])
+def test_oncoming_vehicles_take_turns_in_a_narrow_bend(radius_m: float, meet: bool) -> None:
+    angle = np.linspace(0.0, np.pi / 2, 8)
+    network = RoadNetwork()
+    for name, radius, flip in (("in", radius_m, 1), ("out", radius_m + 4.0, -1)):
+        bend = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+        network.add_lane(f"{name} a", f"{name} b", PolylineLane(bend[::flip]))
+    assert len(conflicting_roads(network)) == (2 if meet else 0)
