@@ -38,7 +38,10 @@ def clearances_of_long(network: RoadNetwork, movements: Sequence[Road], clear_m:
     curved = np.array([isinstance(lane, PolylineLane) for lane in lanes], np.bool_)
     if not curved.any():
         return clear_m, np.zeros(len(lanes))
-    lines = [_extended(lane) for lane in lanes]
+    into, onward = ({index[end]: lane for index, lane in network.lanes.items()} for end in (1, 0))
+    lines = [
+        _extended(lane, into.get(road[0]), onward.get(road[1])) for lane, road in zip(lanes, movements, strict=True)
+    ]
     first = np.cumsum([0, *(len(line) for line in lines)])
     nodes: dict[str, int] = {}
     ends = np.array([[nodes.setdefault(node, len(nodes)) for node in road] for road in movements])
@@ -48,15 +51,14 @@ def clearances_of_long(network: RoadNetwork, movements: Sequence[Road], clear_m:
     return np.where(last >= 0, np.maximum(clear_m, along_m), clear_m), back_m
 
 
-def _extended(lane: Lane) -> Floats:
-    """Return points (K, 2) about 1 m apart on a lane's middle, and on straight ways before it and behind it."""
+def _extended(lane: Lane, before: Lane | None, after: Lane | None) -> Floats:
+    """Return points (K, 2) about 1 m apart on a lane's middle, and straight on in the lanes before it and behind it."""
     line = lane.positions(np.linspace(0.0, lane.length, int(lane.length / _STEP_M) + 2), 0.0)
-    beyond = _STEP_M * np.arange(1, _BEYOND + 1)[:, None]
-    before, after = (
-        np.array([exact.cos(heading), exact.sin(heading)])
-        for heading in (lane.heading_at(0.0), lane.heading_at(lane.length))
-    )
-    return np.concatenate([line[0] - beyond[::-1] * before, line, line[-1] + beyond * after])
+    start_rad = before.heading_at(before.length) if before else lane.heading_at(0.0)
+    end_rad = after.heading_at(0.0) if after else lane.heading_at(lane.length)
+    back, on = (_STEP_M * np.array([exact.cos(each), exact.sin(each)]) for each in (start_rad, end_rad))
+    beyond = np.arange(1, _BEYOND + 1)[:, None]
+    return np.concatenate([line[0] - beyond[::-1] * back, line, line[-1] + beyond * on])
 
 
 @njit(cache=True, nogil=True)

@@ -72,7 +72,7 @@ def test_nobody_drives_or_walks_at_red_and_all_get_on() -> None:
         crossed += starts.sum()
         assert not (starts & people._itinerary.is_on(world._red)).any()
         begun = people._goes.copy()
-        assert max(stood_s.values()) < 75  # two programs
+        assert max(stood_s.values()) < 102  # three programs: people walk across two arms, too
     assert passed > 15 and crossed > 3 and world.crashed() == ()
 
 
