@@ -66,7 +66,7 @@ class _FromTheKerb(Situation):
         reach = Reach(speed * CONFLICT_S, _AFTER_M, speed, speed * (CONFLICT_S + HEADWAY_S[1]))
         towards = Reach(_AFTER_M, _AFTER_M, speed, speed * (CONFLICT_S + _ONCOMING_S[-1][1]))
         for site in kerb_sites(layout, rng.permutation(len(layout.bays)).tolist(), reach):
-            oncoming = oncoming_way(site.way, towards)
+            oncoming = oncoming_way(site.way, towards, layout.outer_side)
             if oncoming is not None and site.room_m > _ROOM_M:
                 break
         else:
@@ -78,7 +78,7 @@ class _FromTheKerb(Situation):
         fronts_s = CONFLICT_S - (across_m - length_m / 2) / speed
         traffic = _traffic(rng, site.way, oncoming, fronts_s, speed)
         near_m = min(approach, site.room_m - 0.6, walking * (CONFLICT_S + late))
-        path = [site.way.position(across_m, aside) for aside in (-near_m, 0.0, _FAR_SIDE_M)]
+        path = [site.way.position(across_m, layout.outer_side * aside) for aside in (near_m, 0.0, -_FAR_SIDE_M)]
         starts_s = CONFLICT_S + late - near_m / walking
         walk = WalkRole(*self.person, np.array(path), walking, max(starts_s, 0.0), conflicts=True)
         return Stage(
