@@ -19,7 +19,7 @@ PAVEMENTS = {"w": [0.0, -7.0], "x": [120.0, -7.0], "y": [0.0, 7.0], "z": [120.0,
 
 
 def street(side: str, curved: bool = False, **more: Any) -> Place:
-    """A street with a loop at each end, whose lanes eastwards are at y < 0 if traffic is on the right, else at y > 0."""
+    """A street with a loop at each end; its lane eastwards is at y < 0 with traffic on the right, else at y > 0."""
     sign = 1 if side == "right" else -1
     nodes = {name: [x, sign * y] for name, (x, y) in NODES.items()}
     roads = [{"from": start, "to": end, "curved": curved} for start, end in (("a", "b"), ("c", "d"))]
