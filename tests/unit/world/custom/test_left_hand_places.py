@@ -9,12 +9,16 @@ import pytest
 
 from coopsim.errors import InvalidValueError
 from coopsim.world.custom.place import place_from
+from coopsim.world.furniture.furnish import furnish
 from coopsim.world.places.layout import Layout
 from coopsim.world.places.road_network import CircularLane
 from coopsim.world.scenario import Place, make_scenario
 from coopsim.world.world import World
 
 NODES = {"a": [0.0, -2.0], "b": [120.0, -2.0], "c": [120.0, 2.0], "d": [0.0, 2.0]}
+LONG = {
+    side: {name: [5 * x, sign * y] for name, (x, y) in NODES.items()} for side, sign in (("right", 1), ("left", -1))
+}
 PAVEMENTS = {"w": [0.0, -7.0], "x": [120.0, -7.0], "y": [0.0, 7.0], "z": [120.0, 7.0]}
 
 
@@ -25,7 +29,8 @@ def street(side: str, curved: bool = False, **more: Any) -> Place:
     roads = [{"from": start, "to": end, "curved": curved} for start, end in (("a", "b"), ("c", "d"))]
     roads += [{"from": start, "to": end, "turn": "around"} for start, end in (("b", "c"), ("d", "a"))]
     walks = {"nodes": PAVEMENTS, "ways": [["w", "x"], ["y", "z"]]}
-    return place_from({"nodes": nodes, "roads": roads, "walks": walks, "traffic_side": side, **more}, "own")
+    given = {"nodes": nodes, "roads": roads, "walks": walks, "traffic_side": side} | more
+    return place_from({key: value for key, value in given.items() if value is not None}, "own")
 
 
 def inside(layout: Layout) -> float:
@@ -68,16 +73,32 @@ def test_vehicles_drive_on_the_left_and_turn_round() -> None:
     assert turned.min() < -3.0 and not world.crashed()
 
 
-@pytest.mark.parametrize("detail", ["full", "street"])
-def test_signs_stand_at_kerbs_and_face_who_comes(detail: str) -> None:
-    counted = 0
-    for side, sign in (("right", 1), ("left", -1)):
-        scenario = make_scenario(street(side), vehicles=4, pedestrians=0, detail=detail)
-        lamps = [part for part in scenario.layout.furnishing if part.name == "lamp"]
-        counted += len(lamps)
-        ys = np.array([part.vertices[:, 1].mean() for part in scenario.layout.furnishing if part.name == "sign"])
-        assert len(ys) and (np.abs(ys) > 4.0).all(), sign
-    assert counted
+@pytest.mark.parametrize(("side", "sign"), [("right", 1), ("left", -1)])
+def test_signs_stand_at_outer_kerbs_and_face_who_comes(side: str, sign: int) -> None:
+    entries = furnish(street(side).make_layout(), 3)
+    signs = [each for each in entries if each.kind == "sign" and each.at is not None]
+    assert len(signs) > 1
+    for each in signs:
+        assert each.at is not None and each.heading_deg is not None and 4.0 < abs(each.at[1]) < 7.0
+        assert sign * np.cos(np.radians(each.heading_deg)) * each.at[1] > 0
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_crash_barriers_look_to_the_road(side: str) -> None:
+    entries = furnish(street(side, walks=None, nodes=LONG[side]).make_layout(), 3)
+    barriers = [each.along for each in entries if each.kind == "crash_barrier"]
+    assert barriers
+    for along in barriers:
+        (ax, ay), (bx, _) = along[0], along[-1]
+        assert (bx - ax) * -ay > 0, "the road is on the left of the line"
+
+
+def test_a_street_has_surroundings_at_its_outer_kerbs() -> None:
+    for side in ("right", "left"):
+        scenario = make_scenario(street(side), vehicles=4, pedestrians=0, detail="street")
+        at = np.array([(each.x_m, each.y_m) for each in scenario.layout.bystanders])
+        kerb = at[(np.abs(at[:, 1]) < 5.5) & (at[:, 0] > 0) & (at[:, 0] < 120)]
+        assert len(kerb) > 1 and (np.abs(kerb[:, 1]) > 4.0).all()
 
 
 def test_a_word_that_is_no_side_is_refused() -> None:
