@@ -8,6 +8,7 @@ people at 8 km/h.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -105,6 +106,11 @@ def _is_beside(way: Way, point: tuple[float, float], across_m: float) -> bool:
     return bool(np.hypot(*offset) < _BESIDE_BAY_M + across_m)
 
 
+def _in_bay(rng: np.random.Generator, site: KerbSite) -> float:
+    """Draw the distance from the way's middle, to its left, to the middle of a vehicle in the bay."""
+    return site.bay_m - math.copysign(1.0, site.bay_m) * draw(rng, (-0.2, 0.2))
+
+
 @SITUATIONS.register("occluded_pedestrian")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OccludedPedestrian(_FromTheKerb):
@@ -116,7 +122,7 @@ class OccludedPedestrian(_FromTheKerb):
     def occluders(self, rng: np.random.Generator, site: KerbSite, gap_m: float) -> tuple[float, list[VehicleRole]]:
         """Draw a van."""
         van = draw_model(rng, ObjectClass.VAN)
-        aside_m = site.bay_m + draw(rng, (-0.2, 0.2))
+        aside_m = _in_bay(rng, site)
         return float(van.size_m[0]) / 2 + gap_m, [standing("van", site.way, 0.0, aside_m, van)]
 
 
@@ -133,7 +139,7 @@ class ChildBetweenCars(_FromTheKerb):
     def occluders(self, rng: np.random.Generator, site: KerbSite, gap_m: float) -> tuple[float, list[VehicleRole]]:
         """Draw two cars, the same distance from the child's way."""
         first, second = draw_model(rng, ObjectClass.CAR), draw_model(rng, ObjectClass.CAR)
-        aside_m = [site.bay_m + draw(rng, (-0.2, 0.2)) for _ in range(2)]
+        aside_m = [_in_bay(rng, site) for _ in range(2)]
         across_m = float(first.size_m[0]) / 2 + gap_m
         after_m = across_m + gap_m + float(second.size_m[0]) / 2
         return across_m, [
