@@ -141,14 +141,15 @@ def turned(part: T, angle_rad: float) -> T:
         east, north = round((cos * x - sin * y) * _SCALE), round((sin * x + cos * y) * _SCALE)
         return east / _SCALE + 0.0, north / _SCALE + 0.0
 
-    return cast("T", _placed(part, point, lambda heading_deg: heading_deg + angle_deg))
+    return _placed(part, point, lambda heading_deg: heading_deg + angle_deg)
 
 
 def mirrored(description: PlaceDescription) -> PlaceDescription:
     """Return the place in which y is -y, and traffic keeps to the other side."""
     found = _placed(description, lambda at: (at[0] + 0.0, 0.0 - at[1]), lambda heading_deg: -heading_deg)
     roads = tuple(
-        replace(each, turn=_OTHER.get(each.turn, each.turn), left=each.right, right=each.left) for each in found.roads
+        replace(each, turn=_OTHER.get(each.turn or "", each.turn), left=each.right, right=each.left)
+        for each in found.roads
     )
     # What a line has on its left, such as rails, is on the left of the line back.
     pieces = found.furniture and tuple(replace(each, along=each.along[::-1]) for each in found.furniture)
