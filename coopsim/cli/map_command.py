@@ -12,7 +12,8 @@ from coopsim.errors import MapWarning
 
 def _add_map(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("map", type=Path, metavar="FILE", help="OpenDRIVE (.xodr) or a network of SUMO (.net.xml), or in gzip (.gz)")
+    formats = "OpenDRIVE (.xodr), SUMO (.net.xml), OpenStreetMap or Lanelet2 (.osm), plain or in gzip (.gz)"
+    add("map", type=Path, metavar="FILE", help=formats)
     add("--picture", type=Path, metavar="FILE.png", help="draw the map from above")
 
 
@@ -38,5 +39,5 @@ MAP = Command(
     "read a map of another program: say what is in it, left out and repaired, check its lanes, and draw it",
     _add_map,
     _run_map,
-    ("coopsim map Town05.xodr.gz --picture town05.png", "coopsim map cologne8.net.xml"),
+    ("coopsim map Town05.xodr.gz --picture town05.png", "coopsim map cologne8.net.xml", "coopsim map district.osm"),
 )

@@ -15,6 +15,7 @@ import pytest
 from scipy.spatial import KDTree
 
 from coopsim.data.maps.check import check_map, driven_lanes
+from coopsim.data.maps.osm import netconvert
 from coopsim.data.maps.reading import read_map
 from coopsim.data.maps.street_map import StreetMap
 from coopsim.errors import MapWarning
@@ -119,3 +120,27 @@ def test_lanes_agree_with_lanelets(town: str, maps: Path) -> None:
         assert np.quantile(apart, 0.99) < 0.1
     lengths = [sum(np.hypot(*np.diff(line[:, :2], axis=0).T).sum() for line in lines) for lines in (ours, theirs)]
     assert lengths[0] == pytest.approx(lengths[1], rel=0.002)
+
+
+@pytest.mark.parametrize("town", ["Town01", "Town02"])
+def test_our_lanelets_agree_with_our_roads(town: str, maps: Path) -> None:
+    """Lanes, ways, turns and lights of one town from two formats."""
+    roads, lanelets_ = read(maps / "opendrive" / f"{town}.xodr.gz"), read(maps / "lanelet2" / f"{town}.osm.gz")
+    lines = [[each.line for each in (*driven_lanes(one), *one.ways.values())] for one in (roads, lanelets_)]
+    for first, second in (lines, lines[::-1]):
+        tree = KDTree(np.concatenate([dense(line, 0.1) for line in first]))
+        apart, _ = tree.query(np.concatenate([dense(line, 1.0) for line in second]))
+        assert np.quantile(apart, 0.99) < 0.01 and apart.max() < 0.05
+    for count in (lambda one: len(driven_lanes(one)), lambda one: sorted(way.turn for way in one.ways.values()),
+                  lambda one: len(one.junctions), lambda one: len(one.signals), lambda one: one.left_hand):  # fmt: skip
+        assert count(roads) == count(lanelets_)
+    assert widest_gap_m(lanelets_) < 0.05 and len(check_map(lanelets_).joined) == len(driven_lanes(lanelets_))
+    assert all(len(light.lanes) == 1 for light in lanelets_.signals)
+
+
+def test_a_race_track_of_openstreetmap_is_read(maps: Path) -> None:
+    if not netconvert.is_there():
+        pytest.skip("needs netconvert of SUMO: pip install 'coopsim[sumo]'")
+    streets = read(maps / "spreewaldring.osm")
+    length_m = sum(lane.length_m for lane in driven_lanes(streets))
+    assert length_m == pytest.approx(4580, rel=0.02) and len(streets.solids) == 15

@@ -6,7 +6,10 @@ import warnings
 from pathlib import Path
 
 from coopsim.data.maps.elements import read_elements
+from coopsim.data.maps.lanelet2.reader import has_lanelets, read_lanelet_map
 from coopsim.data.maps.opendrive.reader import read_opendrive
+from coopsim.data.maps.osm.content import Content
+from coopsim.data.maps.osm.reader import read_osm
 from coopsim.data.maps.street_map import StreetMap
 from coopsim.data.maps.sumo.network import read_network
 from coopsim.data.maps.sumo.polygons import polygons_beside, with_polygons
@@ -14,8 +17,10 @@ from coopsim.errors import MapFileError, MapWarning
 
 _SKIPPED = ("userData", "dataQuality", "roadMark", "param")
 """Elements that are passed over, with all in them."""
-_ACCEPTED = "accepted: OpenDRIVE 1.4 to 1.8 (.xodr) and SUMO networks (.net.xml), plain or in gzip (.gz)"
-_CONVERT = "of the first, SUMO's `netconvert --osm-files FILE -o FILE.net.xml` makes a network"
+_ACCEPTED = (
+    "accepted: OpenDRIVE 1.4 to 1.8 (.xodr), SUMO networks (.net.xml), OpenStreetMap and Lanelet2 (.osm), plain or in "
+    "gzip (.gz)"
+)
 
 
 def read_map(path: str | Path) -> StreetMap:
@@ -25,6 +30,7 @@ def read_map(path: str | Path) -> StreetMap:
 
     Raises:
         MapFileError: the file is missing, broken or of another format; names file, line and element.
+        MissingDependencyError: a map of OpenStreetMap needs SUMO's netconvert, and it is not there.
     """
     file = Path(path)
     elements = read_elements(file, _SKIPPED)
@@ -37,7 +43,8 @@ def read_map(path: str | Path) -> StreetMap:
         found, beside = read_network(file, root, elements), polygons_beside(file)
         found = found if beside is None else with_polygons(found, beside)
     elif root.tag == "osm":
-        raise root.error(f"is a map of OpenStreetMap or Lanelet2; {_CONVERT}; {_ACCEPTED}")
+        content = Content(root, elements)
+        found = read_lanelet_map(file, content) if has_lanelets(content) else read_osm(file, content)
     else:
         raise root.error(f"is no road map; {_ACCEPTED}")
     for line in found.repaired:

@@ -1,6 +1,8 @@
-"""Crossings from outlines: the smallest rectangle around one, and the line along its middle."""
+"""Outlines: the smallest rectangle around a crossing, and the line along its middle; circles of trees and poles."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -9,6 +11,13 @@ from coopsim.geometry.se3 import Floats
 
 _ALIKE = 1.3
 """Sides that differ by less than this factor do not tell which way people go: then they go across the road."""
+_CORNERS = 12
+
+
+def circle(radius_m: float) -> Floats:
+    """Return the corners (12, 3) m of a circle around the origin."""
+    angles = np.arange(_CORNERS) * (2 * math.pi / _CORNERS)
+    return radius_m * np.column_stack([exact.cos(angles), exact.sin(angles), np.zeros(_CORNERS)])
 
 
 def along_rectangle(outline: Floats, road_rad: float) -> tuple[Floats, float]:

@@ -43,6 +43,7 @@ class StreetLane:
         left: lane to change to on the left, in the same direction; None: there is none.
         right: likewise on the right.
         junction: the junction that it lies in; None: it lies in none. Driven lanes in junctions are parts of ways.
+        traffic_per_h: vehicles in an hour; None: nobody says.
     """
 
     id: str
@@ -54,6 +55,7 @@ class StreetLane:
     left: str | None = None
     right: str | None = None
     junction: str | None = None
+    traffic_per_h: float | None = None
 
     @property
     def length_m(self) -> float:
@@ -77,6 +79,7 @@ class StreetWay:
         signals: lights that hold for it, by id.
         program: the signal program that it obeys; None: none.
         link: its place in the states of that program.
+        traffic_per_h: vehicles in an hour; None: nobody says.
     """
 
     id: str
@@ -90,6 +93,7 @@ class StreetWay:
     signals: tuple[str, ...] = ()
     program: str | None = None
     link: int = -1
+    traffic_per_h: float | None = None
 
     @property
     def length_m(self) -> float:

@@ -172,6 +172,8 @@ def _add_road(roads: Roads, number: int, lane: MapLane) -> None:
     else:
         widths_m = [min(ends) for ends in pairwise(lane.widths_m)] or [shape[1]] * (len(points) - 1)
         roads.pieces[road] = _add_line(roads, road, points, [(speed_m_s, float(width_m)) for width_m in widths_m])
+    if lane.traffic_per_h is not None:
+        roads.network.traffic_per_h |= dict.fromkeys(roads.pieces[road], float(lane.traffic_per_h))
 
 
 def _add_line(roads: Roads, road: Road, points: Floats, shapes: Sequence[tuple[float, float]]) -> list[Road]:

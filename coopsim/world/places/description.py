@@ -69,6 +69,8 @@ class MapLane:
         yields: nodes of lanes to which vehicles here give way, in place of the rule by `priority`; [] is to none.
         left: nodes of the lane on the left in the same direction, whose `right` is this one.
         right: likewise on the right. Drivers keep their lanes; neighbours are kept as maps have them.
+        traffic_per_h: vehicles in an hour. Where lanes have it, vehicles turn, start and come in by it; None: as often
+            as elsewhere.
     """
 
     start: str = field(metadata={"key": "from"})
@@ -84,6 +86,7 @@ class MapLane:
     yields: tuple[tuple[str, ...], ...] | None = None
     left: tuple[str, ...] = ()
     right: tuple[str, ...] = ()
+    traffic_per_h: Annotated[float, Checked(require_between, (0, 100_000))] | None = None
 
 
 @dataclass(frozen=True, slots=True)

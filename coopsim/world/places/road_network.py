@@ -6,7 +6,7 @@ Coordinates of a lane: `along_m` from its start on the middle line, `aside_m` to
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +21,8 @@ LaneIndex = tuple[str, str, int]
 """A lane: its road's nodes and its number on the road; 0 is the leftmost."""
 
 DEFAULT_SPEED_M_S = 20.0
+
+_PARTS = 50  # into which the turns at a road's end are divided by traffic
 
 
 class Lane(ABC):
@@ -160,10 +162,12 @@ class RoadNetwork:
 
     Attributes:
         graph: lanes by the nodes that a road leads from and to.
+        traffic_per_h: vehicles in an hour on roads, where it is known.
     """
 
     def __init__(self) -> None:
         self.graph: dict[str, dict[str, list[Lane]]] = {}
+        self.traffic_per_h: dict[Road, float] = {}
 
     def add_lane(self, start: str, end: str, lane: Lane) -> None:
         """Add a lane to the road between two nodes, to the right of the lanes that it has."""
@@ -183,6 +187,12 @@ class RoadNetwork:
             for end, lanes in ends.items()
             for number, lane in enumerate(lanes)
         }
+
+    def by_traffic(self, roads: Sequence[Road]) -> list[Road]:
+        """Return each road as often as its traffic asks, of 50 times; all at least once, and once without traffic."""
+        traffic = [self.traffic_per_h.get(road, 0.0) for road in roads]
+        parts = _PARTS / (sum(traffic) or np.inf)
+        return [road for road, each in zip(roads, traffic, strict=True) for _ in range(max(1, round(parts * each)))]
 
     @property
     def endless(self) -> frozenset[Road]:

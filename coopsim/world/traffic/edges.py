@@ -38,6 +38,7 @@ class Edges:
         graph = layout.network.graph
         reached = {end for ends in graph.values() for end in ends}
         self._entries = [index for index in network.lane_index if index[0] not in reached]
+        self._traffic = np.array([layout.network.traffic_per_h.get(index[:2], 0.0) for index in self._entries])
         self._lanes = [layout.network.get_lane(index) for index in self._entries]
         ends = [k for k, index in enumerate(network.lane_index) if not graph.get(index[1])]
         self._exits = np.array(ends, dtype=np.int64)
@@ -66,8 +67,8 @@ class Edges:
     def entry(self, fleet: Fleet, eyes: Sequence[int]) -> tuple[StartSlot, float] | None:
         """Return a place to come in and the highest speed there (m/s); None if there is no room.
 
-        One that is out of the sight of the vehicles in the rows `eyes` and of roadside units is drawn; without any, the
-        one that is farthest from all of them is taken.
+        One that is out of the sight of the vehicles in the rows `eyes` and of roadside units is drawn, by its traffic
+        where that is known; without any, the one that is farthest from all of them is taken.
         """
         free = [(k, room_m) for k in range(len(self._entries)) if (room_m := self._room_m(fleet, k)) > _ROOM_M]
         if not free:
@@ -75,7 +76,9 @@ class Edges:
         places = np.array([self._lanes[k].position(_ENTRY_M, 0.0) for k, _ in free])
         seen_from = np.concatenate([fleet.position[list(eyes)], self._units])
         hidden = np.flatnonzero(~self._is_seen(places, seen_from))
-        chosen = int(self._rng.choice(hidden)) if len(hidden) else self._farthest(places, seen_from)
+        traffic = self._traffic[[free[n][0] for n in hidden.tolist()]]
+        shares = traffic / traffic.sum() if traffic.any() else None
+        chosen = int(self._rng.choice(hidden, p=shares)) if len(hidden) else self._farthest(places, seen_from)
         k, room_m = free[chosen]
         return StartSlot(self._entries[k], _ENTRY_M), float(np.sqrt(2 * _BRAKING_M_S2 * (room_m - _GAP_M)))
 

@@ -65,7 +65,7 @@ class LaneArrays(NamedTuple):
     Attributes:
         lanes: (L,) `LANE`.
         roads: (R,) `ROAD`.
-        ways: (W,) roads that continue from roads' ends.
+        ways: (W,) roads that continue from roads' ends, repeated by their traffic: turns are drawn among them.
         corners: (C,) `CORNER`, of all polylines.
     """
 
@@ -125,6 +125,7 @@ class NumberedNetwork:
         for (start, end), k in self.road_number.items():
             ways = [(end, beyond) for beyond in network.graph.get(end, {})]
             ways.sort(key=lambda way: way not in endless)
+            ways = network.by_traffic(ways)
             onward, inner = [self.road_number[way] for way in ways], sum(way in endless for way in ways)
             lanes = len(network.graph[start][end])
             names = (nodes.setdefault(node, len(nodes)) for node in (start, end))

@@ -10,6 +10,7 @@ import numpy as np
 from coopsim.geometry import exact
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import stream
+from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.catalogue import draw_models, models_of
 from coopsim.world.models.model import Model
@@ -27,6 +28,8 @@ _GAP_M = 0.5  # left when it has braked
 _TURN_RAD = 0.3  # a vehicle with another heading is not ahead
 
 _BUS_AXLES = 0.25  # from the middle, in lengths: half a length apart, as the models of buses have them
+
+_RAREST = 1000.0  # least traffic of a lane, as a part of the most: its starts are taken last
 
 _PARKED_VANS = 0.15  # share of vans, where a bay has no class of its own
 
@@ -55,10 +58,19 @@ class Spawner:
         """
         count = sum(population.on_roads.values())
         first = list(self._layout.connected_order[: count // 3])
-        rest = self.rng.permutation(np.setdiff1d(np.arange(len(self._layout.slots)), first))
+        rest = self._drawn(np.setdiff1d(np.arange(len(self._layout.slots)), first))
         slots = sorted([*first, *rest[: count - len(first)].tolist()])
         labels = self.rng.permutation([label for label, n in population.on_roads.items() for _ in range(n)]).tolist()
         return slots, self._with_cars_first(slots, labels)
+
+    def _drawn(self, slots: Ints) -> Ints:
+        """Return slots in an order that is drawn: by the traffic of their lanes, where that is known."""
+        traffic = self._layout.network.traffic_per_h
+        if not traffic or not len(slots):
+            return self.rng.permutation(slots)
+        shares = np.array([traffic.get(self._layout.slots[k].lane[:2], 0.0) for k in slots.tolist()])
+        shares = np.maximum(shares, max(shares.max(), 1.0) / _RAREST)
+        return self.rng.choice(slots, len(slots), replace=False, p=shares / shares.sum())
 
     def _with_cars_first(self, slots: list[int], labels: list[int]) -> list[int]:
         """Reorder the classes so that the first `cars_first` slots have cars."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -11,7 +10,7 @@ import numpy as np
 from coopsim.data.maps.elements import Element
 from coopsim.data.maps.notes import Notes
 from coopsim.data.maps.opendrive.roads import Road
-from coopsim.data.maps.rectangles import along_rectangle
+from coopsim.data.maps.rectangles import along_rectangle, circle
 from coopsim.data.maps.street_map import SolidKind, StreetArea, StreetCrossing, StreetSolid
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
@@ -22,7 +21,7 @@ _SOLIDS: dict[str, SolidKind] = {
     **dict.fromkeys(("tree", "vegetation", "bush"), "tree"),
     **dict.fromkeys(("pole", "streetLamp", "rail-pole", "streetlamp"), "pole"),
 }
-_CORNERS, _STRIP_M, _MOST_COPIES = 12, 2.0, 10_000
+_STRIP_M, _MOST_COPIES = 2.0, 10_000
 _THIN_M = 0.1
 _LOOSE = ("bridge", "tunnel", "objectReference")
 
@@ -126,9 +125,7 @@ def _body(
         if outline.get("closed", "true") == "false" or len(line) < 3:
             thickness = sizes.width or _THIN_M
     elif sizes.radius:
-        angles = np.arange(_CORNERS) * (2 * math.pi / _CORNERS)
-        round_ = sizes.radius * np.column_stack([exact.cos(angles), exact.sin(angles), np.zeros(_CORNERS)])
-        line = _placed(round_, element, road, s, t, sizes.z)
+        line = _placed(circle(sizes.radius), element, road, s, t, sizes.z)
     elif sizes.length and sizes.width:
         half = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]) / 2
         line = _placed(half * [sizes.length, sizes.width, 0.0], element, road, s, t, sizes.z)

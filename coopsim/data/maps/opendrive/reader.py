@@ -12,8 +12,8 @@ from coopsim.data.maps.opendrive.links import Links
 from coopsim.data.maps.opendrive.objects import Objects
 from coopsim.data.maps.opendrive.roads import Road
 from coopsim.data.maps.opendrive.signals import Signals
-from coopsim.data.maps.opendrive.ways import find_ways, yields_of
 from coopsim.data.maps.street_map import StreetCrossing, StreetJunction, StreetLane, StreetMap
+from coopsim.data.maps.ways import find_ways
 
 _VERSIONS = range(4, 9)
 _LOOSE = ("junctionGroup", "station")
@@ -64,7 +64,8 @@ class _Reading:
         links = Links(self.roads, self.notes)
         self._connect(links)
         links.contract()
-        ways, chains = find_ways(self.roads, links, self.signals.lights(), self.notes)
+        inside = {key: name for key in links.pieces if (name := self.roads[key[0]].junction) is not None}
+        ways, chains = find_ways(links.pieces, links.after, inside, self.signals.lights(), self.notes)
         lanes = self._lanes(links)
         leads = {
             lanes[key].id: tuple(lanes[after].id for after in links.after.get(key, ()) if after in lanes)
@@ -129,9 +130,14 @@ class _Reading:
         return found
 
     def _junction(self, element: Element, chains: dict[str, tuple[tuple[str, int, int], ...]]) -> StreetJunction:
+        """Return a junction; of roads with a priority, the ways over one yield to those over the other."""
         pairs = [(each.get("low"), each.get("high")) for each in element.all("priority")]
-        kind = element.get("type") or "default"
-        return StreetJunction(element.need("id"), kind, yields=yields_of(pairs, chains))
+        over: dict[str, list[str]] = {}
+        for way, chain in chains.items() if pairs else ():
+            for road in dict.fromkeys(key[0] for key in chain[1:-1]):
+                over.setdefault(road, []).append(way)
+        yields = {(one, two) for low, high in pairs for one in over.get(low, ()) for two in over.get(high, ())}
+        return StreetJunction(element.need("id"), element.get("type") or "default", yields=frozenset(yields) or None)
 
     def _cross_paths(self) -> Iterator[StreetCrossing]:
         """Yield the crossings that junctions name, whose roads have lanes to walk on (1.8)."""

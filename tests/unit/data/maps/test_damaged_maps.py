@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from tiny_maps import ARMS, CONTROLLER, JUNCTION, POLYGONS, SUMO, THREE_ROADS, opendrive, written
+from tiny_osm import LANELETS, border, lanelet, node, osm
 
 from coopsim.data.maps.reading import read_map
 from coopsim.errors import MapFileError, MapWarning
@@ -56,7 +57,8 @@ REFUSED = {  # name: (text, what is changed, into what, what is told)
     "no roads": (opendrive(CONTROLLER), "", "", "<OpenDRIVE> must have a <road> with lanes"),
     "nothing in the root": ("<OpenDRIVE/>", "", "", "<OpenDRIVE> must have a <road> with lanes"),
     "another root": ("<html><body/></html>", "", "", "<html> is no road map; accepted: OpenDRIVE 1.4 to 1.8"),
-    "a map of OpenStreetMap": ('<osm version="0.6"/>', "", "", "OpenStreetMap or Lanelet2; .*netconvert"),
+    "a map of OpenStreetMap without anything": ('<osm version="0.6"/>', "", "", "<osm> must have a <node>"),
+    "a map of OpenStreetMap without roads": (osm(node("1", 0, 0)), "", "", "must have a <way> with a tag highway"),
     "empty": ("", "", "", "this is no XML file, or it is cut off .*accepted: a whole file"),
     "no XML": ("lanes: 5", "", "", "this is no XML file"),
     "cut off in a road": (THREE_ROADS[:900], "", "", "cut off .* it ends within .*<road id='1'>"),
@@ -79,6 +81,29 @@ REFUSED = {  # name: (text, what is changed, into what, what is told)
     "phases of two lengths": (SUMO, 'state="rrG"', 'state="r"', "<tlLogic id='J'> must have <phase>"),
     "no phases": (SUMO.replace("<phase ", "<face "), "", "", "<tlLogic id='J'> must have <phase>"),
     "a network without lanes": ("<net/>", "", "", "<net> must have an <edge> with a <lane>"),
+    "a node without longitude": (LANELETS, ' lon="9.0', ' lng="9.0', "<node id='m0'> must have the attribute lon"),
+    "a node of NaN": (LANELETS, 'lat="48.0', 'lat="nan48.0', "<node id='m0'> lat must be a number"),
+    "a node beyond the pole": (LANELETS, 'lat="48.0', 'lat="148.0', "lat must be from -84 to 84 .* got 148"),
+    "a node on another continent": (LANELETS, 'lat="48.0', 'lat="8.0', "<osm> must have nodes within 10 degrees"),
+    "a node without id": (LANELETS, 'node id="m0"', "node", "<node> must have the attribute id"),
+    "a tag without key": (LANELETS, '<tag k="type"', "<tag", "<tag> must have the attribute k"),
+    "a member without ref": (LANELETS, ' ref="m" role', " role", "<member> must have the attribute ref"),
+    "a lanelet wide as a town": (
+        osm(border("a", [(0, 500), (90, 500)]), border("b", [(0, 0), (90, 0)]), lanelet("A", "a", "b")), "", "",
+        "<relation id='A'> is 500 m wide; accepted: up to 200 m",
+    ),
+    "a lanelet long as a country": (
+        osm(border("a", [(0, 3), (2e5, 3)]), border("b", [(0, 0), (2e5, 0)]), lanelet("A", "a", "b")), "", "",
+        "<relation id='A'> has a border longer than 100 km",
+    ),
+    "lanelets for people alone": (
+        osm(border("a", [(0, 3), (9, 3)]), border("b", [(0, 0), (9, 0)]), lanelet("A", "a", "b", subtype="walkway")),
+        "", "", "<osm> must have a <relation> of type lanelet, of subtype road",
+    ),
+    "lanelets cut off": (LANELETS[:-300], "", "", "cut off .*it ends within <osm>"),
+    "a bomb of entities in OSM": (
+        LANELETS, '<?xml version="1.0"?>', '<?xml version="1.0"?><!DOCTYPE a [<!ENTITY a "aaaa">]>', "'a' is refused",
+    ),
     "a network cut off": (SUMO[:1500], "", "", "cut off .*it ends within"),
 }  # fmt: skip
 
@@ -117,6 +142,19 @@ REPAIRED = {
     "a lane of no width": (SUMO, 'width="2" shape="0,-6', 'width="0" shape="0,-6', "lanes without width are left out"),
     "a connection of no lane": (SUMO, 'toLane="0" via=":J_1_0"', 'toLane="6" via=":J_1_0"', "lanes that do not exist"),
     "a connection over no lane": (SUMO, 'via=":J_1_0"', 'via=":X_1_0"', "lanes that connections go over"),
+    "a border that is not there": (LANELETS, 'ref="m" role', 'ref="mm" role', "without one left and one right border"),
+    "a border of one node": (LANELETS, "<nd ref='m1'/>", "", "without one left and one right border are left out: 2"),
+    "two left borders": (LANELETS, 'ref="n" role="right"', 'ref="n" role="left"', "without one left and one right"),
+    "a node that is not there": (LANELETS, "<nd ref='n1'/>", "<nd ref='nn'/>", "nodes that the file lacks are passed"),
+    "a node twice": (LANELETS, 'node id="n1"', 'node id="n0"', "the id of another one are left out: 1 .node n0"),
+    "a lanelet without length": (
+        osm(border("a", [(0, 3), (9, 3)]), border("b", [(0, 0), (9, 0)]), border("c", [(0, 0), (0.01, 0)]),
+            lanelet("A", "a", "b"), lanelet("B", "a", "c")), "", "", "lanelets without length are left out: 1 .B",
+    ),
+    "a lanelet without width": (LANELETS, 'ref="n" role="right"', 'ref="m" role="right"', "without width are left out"),
+    "a rule without a line": (LANELETS.replace('ref="z" role="ref_line"', 'ref="zz" role="ref_line"'), 'ref="y" role',
+                              'ref="yy" role', "rules without a line, or that no lanelet names"),
+    "an outline of two corners": (LANELETS, "<nd ref='ha2'/><nd ref='ha3'/>", "", "outlines with fewer than three"),
     "a light without program": (SUMO, 'tl="J" linkIndex="1"', 'tl="X" linkIndex="1"', "signals without a program"),
     "a light beyond its states": (SUMO, 'linkIndex="1"', 'linkIndex="9"', "or without a place in it"),
 }  # fmt: skip
