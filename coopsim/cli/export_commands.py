@@ -1,4 +1,4 @@
-"""`coopsim export`, `coopsim check-export` and `coopsim export-results`: folders in the formats of data sets."""
+"""`coopsim export`, `coopsim check-export`, `coopsim export-results`: folders in formats of data sets, and maps."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ import sys
 from itertools import islice
 from pathlib import Path
 
-from coopsim.cli.argument_types import count, policy
+from coopsim.cli.argument_types import count, count_or_zero, policy
 from coopsim.cli.arguments import (
     FAILED,
     INTERRUPTED,
+    POPULATION,
     Command,
     add_flags,
     add_options,
@@ -18,6 +19,9 @@ from coopsim.cli.arguments import (
     named_options,
     population,
 )
+from coopsim.errors import InvalidValueError
+
+_FRAMES = 100
 
 _EXPORT_FLAGS = {"max_cycles": "--frames", "seed": "--seeds", "sense_every": "dt_s"}
 """Options that must be given otherwise, and how."""
@@ -25,32 +29,63 @@ _EXPORT_FLAGS = {"max_cycles": "--frames", "seed": "--seeds", "sense_every": "dt
 
 def _add_export(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("format", metavar="FORMAT", help="see `list`; as opv2v, or opv2v(lidar=roof)")
-    add("environment", metavar="ENVIRONMENT", help="as crossing or town, or path of a scenario file; see `list`")
-    of = "new or empty; the same command again goes on with an export that was interrupted"
+    add("format", metavar="FORMAT", help="see `list`; as opv2v, or opv2v(lidar=roof); of a map: opendrive or sumo")
+    add("environment", metavar="ENVIRONMENT", help="as crossing or town, or path of a scenario file; of a map: town")
+    of = "new or empty; the same command again goes on with an export that was interrupted; of a map: the file"
     add("--out", type=Path, required=True, metavar="DIR", help=of)
-    add_flags(parser, "--seeds", default=(0,), help="an episode each (default: 0)")
-    add("--frames", type=count, default=100, help="of each episode (default: %(default)s)")
+    add_flags(parser, "--seeds", help="an episode each (default: 0)")
+    add("--frames", type=count, help=f"of each episode (default: {_FRAMES})")
+    add("--seed", type=count_or_zero, help="of a map: seed of the episode in this place (default: 0)")
     add_population(parser)
-    add_options(parser, "of the environment, as cameras=surround, lidar=OS1-128 or dt_s=0.5")
+    add_options(parser, "of the environment, as cameras=surround, lidar=OS1-128 or dt_s=0.5; of a map: as lanes=2")
 
 
 def _run_export(options: argparse.Namespace) -> int:
+    from coopsim.config.spec import parse_spec
+    from coopsim.data.export.export_format import EXPORT_FORMATS
+    from coopsim.data.maps.export.map_format import MAP_FORMATS
+    from coopsim.support.checks import require_choice
+
+    name, _ = parse_spec("export format", options.format)
+    if name not in EXPORT_FORMATS:
+        require_choice("export format", name, (*EXPORT_FORMATS.names(), *MAP_FORMATS.names()))
+        return _run_map_export(options)
+    if options.seed is not None:
+        raise InvalidValueError(f"--seed is of exports of maps: {name} takes --seeds")
+    return _run_recording(options)
+
+
+def _run_map_export(options: argparse.Namespace) -> int:
+    from coopsim.data.maps.export.map_format import export_map
+
+    for flag in ("seeds", "frames", *POPULATION):
+        if getattr(options, flag) is not None:
+            raise InvalidValueError(
+                f"--{flag.replace('_', '-')} is not of exports of maps; accepted: --seed, and --option of the place"
+            )
+    given = named_options(options)
+    for path in export_map(options.format, options.environment, options.out, seed=options.seed or 0, **given):
+        print(f"written: {path}, {path.stat().st_size / 1e6:.1f} MB")
+    return 0
+
+
+def _run_recording(options: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from coopsim.data.export.export_card import DONE, PAGE, PICTURE, read_card
     from coopsim.data.export.export_run import export
 
     given = {**population(options), **named_options(options, _EXPORT_FLAGS)}
-    frames = options.frames * len(options.seeds)
+    seeds, per_episode = options.seeds or (0,), options.frames or _FRAMES
+    frames = per_episode * len(seeds)
     with tqdm(total=frames, unit="frame", disable=None, desc=f"export {options.format}") as bar:
         try:
             export(
                 options.format,
                 options.environment,
                 options.out,
-                seeds=options.seeds,
-                frames=options.frames,
+                seeds=seeds,
+                frames=per_episode,
                 progress=bar.update,
                 **given,
             )
@@ -66,10 +101,14 @@ def _run_export(options: argparse.Namespace) -> int:
 
 
 EXPORT = Command(
-    "simulate episodes and write them in the format of a data set, such as opv2v",
+    "write episodes in the format of a data set, such as opv2v, or a town as a map, such as opendrive",
     _add_export,
     _run_export,
-    ("coopsim export opv2v crossing --out crossing --seeds 0-3 --option lidar=OS1-128",),
+    (
+        "coopsim export opv2v crossing --out crossing --seeds 0-3 --option lidar=OS1-128",
+        "coopsim export opendrive town --seed 7 --out town.xodr",
+        "coopsim export sumo town --seed 7 --out town.net.xml --option lanes=2",
+    ),
 )
 
 

@@ -25,6 +25,7 @@ def listing() -> dict[str, Callable[[], list[Entry]]]:
     from coopsim.comms.codecs.codec import CODECS
     from coopsim.comms.uplinks.uplink import UPLINKS
     from coopsim.data.export.export_format import EXPORT_FORMATS
+    from coopsim.data.maps.export.map_format import MAP_FORMATS
     from coopsim.detection.detector import DETECTORS
     from coopsim.detection.embedder import EMBEDDERS
     from coopsim.episode import RECORDERS
@@ -56,6 +57,7 @@ def listing() -> dict[str, Callable[[], list[Entry]]]:
         "protocols": partial(_registered, PROTOCOLS),
         "recordings": partial(_registered, RECORDINGS),
         "export formats": partial(_registered, EXPORT_FORMATS),
+        "map formats": partial(_registered, MAP_FORMATS),
         "presets": lambda: _files(_package_folder() / "bench" / "grid" / "presets", suffix=""),
         "recipes": lambda: _files(_package_folder() / "learn" / "recipes", suffix=""),
         "weights": _weights,

@@ -52,7 +52,7 @@ def _in_conflict(points: Floats, first: Ints, ends: Ints) -> Mask:
             if ends[a, 0] == ends[b, 0] or ends[a, 1] == ends[b, 0] or ends[b, 1] == ends[a, 0]:
                 continue
             if ends[a, 1] == ends[b, 1] or (
-                _touch(box[a], box[b]) and _cross(points[first[a] : first[a + 1]], points[first[b] : first[b + 1]])
+                _touch(box[a], box[b]) and lines_cross(points[first[a] : first[a + 1]], points[first[b] : first[b + 1]])
             ):
                 found[a] = found[b] = True
     return found
@@ -65,7 +65,7 @@ def _touch(a: Floats, b: Floats) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _cross(a: Floats, b: Floats) -> bool:
+def lines_cross(a: Floats, b: Floats) -> bool:
     """Return whether two polylines (N, 2) and (M, 2) meet; parallel pieces do not cross."""
     for i in range(len(a) - 1):
         rx, ry = a[i + 1, 0] - a[i, 0], a[i + 1, 1] - a[i, 1]

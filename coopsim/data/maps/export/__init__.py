@@ -1,0 +1,1 @@
+"""Drawn towns as maps of other programs. Start in `map_format`."""

@@ -1,0 +1,1 @@
+"""The writer of OpenDRIVE. Start in `document`."""

@@ -1,0 +1,1 @@
+"""The writer of SUMO's networks. Start in `network`."""
