@@ -186,7 +186,7 @@ def run(arguments: argparse.Namespace) -> dict[int, Row]:
         made, job["numbers"] = survey_scenario, arguments.numbers
         wanted = {f"{name} {seed}": (name, seed) for name in arguments.scenarios for seed in arguments.seeds}
     else:
-        options = TownOptions(arguments.junctions, arguments.openness, arguments.lanes)
+        options = TownOptions(arguments.junctions, arguments.openness, arguments.lanes, arguments.traffic_side)
         job = {"options": options, "density": arguments.density, **job}
     settings = str(job)
     rows = read_rows(arguments.out, settings)
@@ -221,6 +221,7 @@ def main() -> None:
     parser.add_argument("--junctions", type=int, help="of each town (default: drawn)")
     parser.add_argument("--openness", type=float, help="of each town, 0 to 1 (default: drawn)")
     parser.add_argument("--lanes", type=int, help="most a direction, 1 to 3 (default: drawn)")
+    parser.add_argument("--traffic-side", default="right", help="right or left (default: %(default)s)")
     arguments = parser.parse_args()
     rows = list(run(arguments).values())
     if arguments.scenarios:

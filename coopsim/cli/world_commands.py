@@ -54,6 +54,7 @@ def _add_town(parser: argparse.ArgumentParser) -> None:
     add("--openness", type=float, metavar="X", help="0: walls at the kerb, 1: wide lawns (default: drawn)")
     add("--lanes", type=count, metavar="N", help="most lanes a direction, 1 to 3 (default: drawn)")
     add("--traffic-lights", action="store_true", help="at junctions of main roads")
+    add("--traffic-side", default="right", metavar="SIDE", help="of the road: right or left (default: %(default)s)")
     add("--out", type=Path, metavar="FILE.yaml", help="of a SEED: an older file is replaced")
     add("--picture", type=Path, metavar="FILE.png", help="draw the place from above")
 
@@ -65,7 +66,9 @@ def _run_town(options: argparse.Namespace) -> int:
 
     if options.picture is not None:
         require_picture(options.picture)
-    given = TownOptions(options.junctions, options.openness, options.lanes, options.traffic_lights)
+    given = TownOptions(
+        options.junctions, options.openness, options.lanes, options.traffic_lights, options.traffic_side
+    )
     if isinstance(options.place, Path):
         written = [_picture_of_file(options, drawn=given != TownOptions())]
     else:

@@ -29,6 +29,7 @@ class PlannedCar:
         length_m: length of the car's body.
         width_m: width of the car's body.
         route: the way ahead.
+        traffic_side: side of the road that vehicles keep to, "right" or "left".
     """
 
     name: str
@@ -41,6 +42,7 @@ class PlannedCar:
     length_m: float
     width_m: float
     route: Route
+    traffic_side: str = "right"
 
 
 class Planner(ABC):

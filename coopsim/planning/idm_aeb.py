@@ -26,7 +26,7 @@ from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.interfaces.planner import PLANNERS, PlannedCar, Planner
 from coopsim.support.checks import require_positive
 from coopsim.types import NS_PER_S, Ints, Mask, Tracks
-from coopsim.types.driving import HAS_PRIORITY, LARGEST_BRAKING_M_S2, NOBODY_FIRST
+from coopsim.types.driving import HAS_PRIORITY, LARGEST_BRAKING_M_S2, NOBODY_FIRST, OUTER_SIDES
 from coopsim.types.taxonomy import ObjectClass
 
 _ON_FOOT = (ObjectClass.PEDESTRIAN, ObjectClass.CHILD)
@@ -193,13 +193,14 @@ class IdmAeb(Planner):
         """Return the mask (N,) of vehicles that are left to brake, as they can with ease before they come.
 
         The car goes first where it has the right of way. Where nobody has, it goes first if it is there clearly before,
-        and else before vehicles from its left (Vienna Convention on Road Traffic, 1968, article 18.4).
+        and else before vehicles from its left (Vienna Convention on Road Traffic, 1968, article 18.4); with traffic on
+        the left before those from its right (Road Traffic Act of Japan, 1960, article 36).
         """
         place = np.clip(gap / car.route.spacing_m, 0, len(car.route.points) - 1).astype(int)
         right, enters, tracks = car.route.right_of_way[place], way.times[first], np.arange(len(gap))
         lead_s = enters - gap / max(car.speed_m_s, _SLOWEST_M_S)
-        from_left = way.aside[np.maximum(first - 1, 0), tracks] > 0
-        earlier = (lead_s > self.margin_s) | ((lead_s > -self.margin_s) & from_left)
+        waits = OUTER_SIDES[car.traffic_side] * way.aside[np.maximum(first - 1, 0), tracks] < 0
+        earlier = (lead_s > self.margin_s) | ((lead_s > -self.margin_s) & waits)
         needed = way.speed / (2 * np.maximum(enters, _STEP_S))
         goes = (right == HAS_PRIORITY) | ((right == NOBODY_FIRST) & earlier)
         left_to_brake: Mask = goes & ~way.on_foot & (needed < _WITH_EASE_M_S2)

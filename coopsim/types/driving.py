@@ -21,6 +21,9 @@ MANEUVER, ACCELERATION = "maneuver", "acceleration_m_s2"
 GIVES_WAY, NOBODY_FIRST, HAS_PRIORITY = -1, 0, 1
 """Right of way on a piece of a route: others go first; whoever comes first goes first; the car itself goes first."""
 
+OUTER_SIDES = {"right": -1, "left": 1}
+"""Sides of the road that vehicles keep to, and on which side of a lane the kerb then is: 1 is the left."""
+
 LARGEST_BRAKING_M_S2, LARGEST_ACCELERATION_M_S2 = 8.0, 3.0
 """Bounds of commanded accelerations: full braking of a passenger car on a dry road, and brisk acceleration."""
 
@@ -109,6 +112,7 @@ class CarState:
         width_m: width of its body.
         crashed: whether it has touched something, and stays.
         route: the way ahead.
+        traffic_side: side of the road that vehicles keep to, "right" or "left".
     """
 
     speed_m_s: float
@@ -117,3 +121,4 @@ class CarState:
     width_m: float
     crashed: bool
     route: Route
+    traffic_side: str = "right"

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from coopsim.errors import InvalidValueError
-from coopsim.support.checks import require_between, require_count, require_flag
+from coopsim.support.checks import require_between, require_choice, require_count, require_flag
+from coopsim.types.driving import OUTER_SIDES
 
 MOST_JUNCTIONS = 9
 MOST_LANES = 3
@@ -31,14 +32,18 @@ class TownOptions:
         openness: view past the corners, in [0, 1]: 0 is walls at the kerb, 1 wide lawns.
         lanes: most lanes a direction, 1 to 3.
         traffic_lights: lights at junctions of main roads, and where connected cars meet, except at roundabouts.
+        traffic_side: side of the road that vehicles keep to, "right" or "left": a town on the left is that on the right
+            in a mirror.
     """
 
     junctions: int | None = None
     openness: float | None = None
     lanes: int | None = None
     traffic_lights: bool = False
+    traffic_side: str = "right"
 
     def __post_init__(self) -> None:
+        require_choice("traffic_side", self.traffic_side, OUTER_SIDES)
         for name, most in (("junctions", MOST_JUNCTIONS), ("lanes", MOST_LANES)):
             if getattr(self, name) is not None:
                 require_count(1, most, **{name: getattr(self, name)})

@@ -158,6 +158,7 @@ class RoadMap:
         walls: footprints.
         stop_lines: lines before traffic lights.
         lights: states of the lights now, a letter of `coopsim.world.places.signals.LETTERS` for each stop line.
+        traffic_side: side of the road that vehicles keep to, "right" or "left".
     """
 
     lanes: tuple[Floats, ...]
@@ -171,6 +172,7 @@ class RoadMap:
     walls: tuple[Floats, ...] = ()
     stop_lines: tuple[Floats, ...] = ()
     lights: str = ""
+    traffic_side: str = "right"
 
 
 class WorldSource(Protocol):

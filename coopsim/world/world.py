@@ -221,7 +221,8 @@ class World:
         speed, acceleration, length, width = (
             float(rows[key][k]) for key in ("speed", "acceleration", "length", "width")
         )
-        return CarState(speed, acceleration, length, width, bool(rows["crashed"][k]), self._traffic.way_ahead(number))
+        route, side = self._traffic.way_ahead(number), self.map.traffic_side
+        return CarState(speed, acceleration, length, width, bool(rows["crashed"][k]), route, side)
 
     def crashed(self) -> tuple[int, ...]:
         """Return the ids of crashed vehicles, which stay where they are, as obstacles."""

@@ -58,6 +58,7 @@ class PlannedDriving:
             state.length_m,
             state.width_m,
             state.route,
+            state.traffic_side,
         )
         planner, began = self._planners[name], time.monotonic()
         try:

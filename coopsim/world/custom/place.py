@@ -14,6 +14,7 @@ from coopsim.config.yaml_file import yaml_text
 from coopsim.errors import InvalidValueError, ScenarioFileError
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.support.files import write_whole
+from coopsim.types.driving import OUTER_SIDES
 from coopsim.world.custom.clearance import MiddleLines, require_space_to_park
 from coopsim.world.custom.ground import (
     AROUND_M,
@@ -180,10 +181,16 @@ def road_map_of(
     crosswalks, pavements = (walks.crosswalks, walks.pavements) if walks else ([], [])
     more: dict[str, Any] = {SURFACES[kind]: tuple(outlines) for kind, outlines in paved.items()}
     more |= {"lanes": (*lanes, *paved["road"]), "pavements": (*pavements, *paved["pavement"])}
-    lines = lane_lines(roads.network, roads.movements)
+    side = roads.description.traffic_side
+    lines = lane_lines(roads.network, roads.movements, -OUTER_SIDES[side])
     lit = [roads.lane(road) for signal in roads.signals for road in signal.roads]
     stops = tuple(np.array([lane.position(0.0, side * lane.width / 2) for side in (-1, 1)]) for lane in lit)
-    more |= {"crosswalks": tuple(crosswalks), "buildings": tuple(buildings), "walls": tuple(walls)}
+    more |= {
+        "crosswalks": tuple(crosswalks),
+        "buildings": tuple(buildings),
+        "walls": tuple(walls),
+        "traffic_side": side,
+    }
     return RoadMap(markings=lines, stop_lines=stops, **more)
 
 

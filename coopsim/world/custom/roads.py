@@ -13,6 +13,7 @@ from coopsim.config.checked_entry import Entry
 from coopsim.errors import UnknownNameError
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats, wrap_angle
+from coopsim.types.driving import OUTER_SIDES
 from coopsim.world.custom.conflicts import conflicting_roads
 from coopsim.world.places.description import MapLane, PlaceDescription
 from coopsim.world.places.layout import LANE_M, ROADS_AHEAD
@@ -230,20 +231,22 @@ def _add_arc(roads: Roads, lane: MapLane, shape: tuple[float, float]) -> None:
 
 
 def _add_loop(roads: Roads, road: Road, shape: tuple[float, float]) -> list[Road]:
-    """Add bends from the end of one lane to the beginning of the next one, on its left."""
+    """Add bends from the end of one lane to the beginning of the next one, on its inner side."""
+    inner = -OUTER_SIDES[roads.description.traffic_side]
     start, end = (roads.nodes[node] for node in road)
     across, half_m = end - start, float(exact.norm(end - start)) / 2
     if not 1.5 <= half_m <= 8.0:
         raise roads.entry(road).error(
-            f"a loop must lead from one lane to the next, 3 to 16 m to its left, got {2 * half_m:.2f} m"
+            f"a loop must lead from one lane to the next, 3 to 16 m to its {'left' if inner > 0 else 'right'}, got "
+            f"{2 * half_m:.2f} m"
         )
-    ahead_rad = float(exact.arctan2(across[1], across[0])) - np.pi / 2
+    ahead_rad = float(exact.arctan2(across[1], across[0])) - inner * np.pi / 2
     cos, sin = exact.cos(ahead_rad), exact.sin(ahead_rad)
     names = [road[0], *(f"{road[0]}>{road[1]}.{k}" for k in range(3)), road[1]]
     pieces = list(pairwise(names))
     for piece, ((x, y), (radius, first, last)) in zip(pieces, turning_loop(half_m), strict=True):
-        centre = (start + end) / 2 + [cos * x - sin * y, sin * x + cos * y]
-        add_bend(roads.network, piece, centre, (radius, first + ahead_rad, last + ahead_rad), *shape)
+        centre = (start + end) / 2 + [cos * x - inner * sin * y, sin * x + inner * cos * y]
+        add_bend(roads.network, piece, centre, (radius, inner * first + ahead_rad, inner * last + ahead_rad), *shape)
     return pieces
 
 

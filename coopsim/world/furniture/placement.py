@@ -57,7 +57,7 @@ class Placer:
             if not len(along):
                 continue
             edge, outward, heading = sides.stands(along)
-            facing = heading + row.facing_rad + (np.pi / 2 if zone == "back" else 0.0)
+            facing = heading - sides.side * row.facing_rad - sides.side * (np.pi / 2 if zone == "back" else 0.0)
             if row.kind in _ANY_WAY:
                 facing = draws.uniform(0.0, 2 * np.pi, len(edge))
             sizes = _tree_sizes(zone, len(edge), draws) if row.kind == "tree" else None
@@ -73,7 +73,7 @@ class Placer:
             kept = count >= 1
             if kept.any():
                 pieces, run = self._runs(line, sides, start[kept], count[kept].astype(np.int64))
-                self._plot.put_lines(line.kind, pieces, run, bulky=line.bulky)
+                self._plot.put_lines(line.kind, pieces, run, bulky=line.bulky, back=sides.side > 0)
 
     def crosswalks(self, sides: Sides, crosswalks: Sequence[Floats], *, some_lit: bool) -> None:
         """Put up signs where streets come to crosswalks, or (with `some_lit`) traffic lights at a share of them."""
@@ -227,8 +227,11 @@ class Plot:
         """Return the mask (N,) of pieces (N, 2, 2) m of a line that keep off obstacles; furniture is ignored."""
         return are_free(ends.mean(axis=1), 1.1 * _half_m(kind), _layers(kind, bulky=bulky), self._obstacles)
 
-    def put_lines(self, kind: str, ends: Floats, run: Ints, *, bulky: bool = False) -> None:
-        """Put up the pieces of lines that fit: their ends (N, 2, 2) m, and the number (N,) of the line of each."""
+    def put_lines(self, kind: str, ends: Floats, run: Ints, *, bulky: bool = False, back: bool = False) -> None:
+        """Put up the pieces of lines that fit: their ends (N, 2, 2) m, and the number (N,) of the line of each.
+
+        With `back` lines lead back: what is on their left, as rails are, then is on the right of the given ones.
+        """
         along = ends[:, 1] - ends[:, 0]
         length = exact.hypot(along[:, 0], along[:, 1])
         radius = _half_m(kind)
@@ -245,7 +248,7 @@ class Plot:
             if after < 0 or run[after] != run[n] or not np.array_equal(ends[after, 0], ends[n, 1]):
                 ends_of_line = (0, len(line) - 1)
                 straight = tuple(each for k, each in enumerate(line) if k in ends_of_line or not _between(line, k))
-                self.entries.append(MapFurniture(kind, along=straight))
+                self.entries.append(MapFurniture(kind, along=straight[::-1] if back else straight))
                 line = []
 
     def _settle(self, discs: Discs, each: Ints, choice: Ints, run: Ints, obstacles: Obstacles | None = None) -> Mask:

@@ -1,4 +1,4 @@
-"""Lines along which furniture stands: right edges of streets, people's ways, fronts of buildings."""
+"""Lines along which furniture stands: outer edges of streets, people's ways, fronts of buildings."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _LOTS_M = 50.0
 
 
 class Sides(NamedTuple):
-    """S lines, one after the other, with M straight pieces in all; furniture may stand to the right of each.
+    """S lines, one after the other, with M straight pieces in all; furniture may stand to one side of each.
 
     Distances are counted from the beginning of the first line, through all.
 
@@ -42,6 +42,7 @@ class Sides(NamedTuple):
         heading_rad: (M,) directions of the pieces.
         edge_m: (M,) distances from the line to the edge where offsets begin.
         first_m: (S + 1,) distances of the beginnings of lines, and the length of all.
+        side: side of the lines on which furniture stands, 1: left, -1: right.
     """
 
     points: Floats
@@ -49,6 +50,7 @@ class Sides(NamedTuple):
     heading_rad: Floats
     edge_m: Floats
     first_m: Floats
+    side: int
 
     @property
     def length_m(self) -> Floats:
@@ -60,7 +62,7 @@ class Sides(NamedTuple):
         which = np.clip(np.searchsorted(self.starts_m, along_m, "right") - 1, 0, len(self.edge_m) - 1)
         heading = self.heading_rad[which]
         cos, sin = exact.cos(heading), exact.sin(heading)
-        ahead, outward = np.column_stack([cos, sin]), np.column_stack([sin, -cos])
+        ahead, outward = np.column_stack([cos, sin]), self.side * np.column_stack([-sin, cos])
         middle = self.points[which] + (along_m - self.starts_m[which])[:, None] * ahead
         return middle + self.edge_m[which][:, None] * outward, outward, heading
 
@@ -71,8 +73,8 @@ class Sides(NamedTuple):
         return self.first_m[side] + (place + 0.5) / counts[side] * self.length_m[side], side
 
 
-def _sides(lines: list[tuple[Floats, Floats]]) -> Sides:
-    """Join lines, each given by points (K + 1, 2) m and distances (K,) of the edge."""
+def _sides(lines: list[tuple[Floats, Floats]], side: int) -> Sides:
+    """Join lines, each given by points (K + 1, 2) m and distances (K,) of the edge on a side."""
     along = [np.diff(points, axis=0) for points, _ in lines]
     every = np.concatenate([np.zeros((0, 2)), *along])
     lengths = exact.hypot(every[:, 0], every[:, 1])
@@ -84,30 +86,32 @@ def _sides(lines: list[tuple[Floats, Floats]]) -> Sides:
         exact.arctan2(every[:, 1], every[:, 0]),
         np.concatenate([np.zeros(0), *(edge for _, edge in lines)]),
         starts[ends],
+        side,
     )
 
 
 def street_sides(layout: Layout, area: Floats, lanes: Obstacles) -> Sides:
-    """Return the right edges of streets within an area, but not of junctions, turning loops, and inner lanes."""
-    rightmost: dict[tuple[str, str], Lane] = {}
-    for (start, end, _), lane in layout.network.lanes.items():
+    """Return the outer edges of streets within an area, but not of junctions, turning loops, and inner lanes."""
+    outermost: dict[tuple[str, str], Lane] = {}
+    every = list(layout.network.lanes.items())[:: -layout.outer_side]  # of a road from the inner lane to the outer one
+    for (start, end, _), lane in every:
         if (start, end) not in layout.movements and lane.tightest_m >= _TIGHT_M:
-            rightmost[start, end] = lane  # lanes of a road come from the left to the right
+            outermost[start, end] = lane
     lines = []
-    for chain in _chains(rightmost):
-        middles = [middle_of(_within(rightmost[road], area)) for road in chain]
-        edge = np.repeat([rightmost[road].width / 2 for road in chain], [len(line) - 1 for line in middles])
+    for chain in _chains(outermost):
+        middles = [middle_of(_within(outermost[road], area)) for road in chain]
+        edge = np.repeat([outermost[road].width / 2 for road in chain], [len(line) - 1 for line in middles])
         lines.append((np.vstack([*(line[:-1] for line in middles), middles[-1][-1:]]), edge))
-    return _outer(lines, (0.3,), lanes)
+    return _outer(lines, (0.3,), lanes, layout.outer_side)
 
 
 def way_sides(layout: Layout, lanes: Obstacles) -> Sides:
     """Return the sides of people's ways on which there is no road."""
     if layout.footways is None:
-        return _sides([])
+        return _sides([], layout.outer_side)
     ways = [part for line in _way_chains(layout.footways) for part in _in_parts(line)]
     lines = [(line, np.zeros(len(line) - 1)) for way in ways for line in (way, way[::-1])]
-    return _outer(lines, (1.5, 2.5, 3.5), lanes)
+    return _outer(lines, (1.5, 2.5, 3.5), lanes, layout.outer_side)
 
 
 def fronts(layout: Layout) -> tuple[Floats, Floats]:
@@ -129,18 +133,18 @@ def fronts(layout: Layout) -> tuple[Floats, Floats]:
     return ends[chosen], out[chosen]
 
 
-def _outer(lines: list[tuple[Floats, Floats]], outward_m: tuple[float, ...], lanes: Obstacles) -> Sides:
+def _outer(lines: list[tuple[Floats, Floats]], outward_m: tuple[float, ...], lanes: Obstacles, outward: int) -> Sides:
     """Return the lines beyond whose edge, at some distances, there is no lane along most of them."""
-    sides = _sides(lines)
+    sides = _sides(lines, outward)
     along, side = sides.grid(_SAMPLE_M)
     if not len(along):
         return sides
-    edge, outward, _ = sides.stands(along)
+    edge, out, _ = sides.stands(along)
     free: Mask = np.ones(len(edge), np.bool_)
     for away in outward_m:
-        free &= are_free(edge + away * outward, 0.0, GROUND, lanes)
+        free &= are_free(edge + away * out, 0.0, GROUND, lanes)
     kept = np.bincount(side, free) > 0.5 * np.bincount(side)
-    return _sides([line for line, keep in zip(lines, kept, strict=True) if keep])
+    return _sides([line for line, keep in zip(lines, kept, strict=True) if keep], outward)
 
 
 def _chains(lanes: dict[tuple[str, str], Lane]) -> list[list[tuple[str, str]]]:

@@ -15,6 +15,7 @@ from typing import Annotated, Any
 from coopsim.config.annotated import AtLeast, Checked, Line, OneOf, Point, plain_of
 from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_between, require_count
+from coopsim.types.driving import OUTER_SIDES
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.places.scenery import COLORS
 
@@ -59,7 +60,7 @@ class MapLane:
         curved: `via` and both ends are points of one lane that bends from each to the next; else each is the end of a
             straight piece, before which vehicles may have to wait.
         centre: middle of an arc.
-        turn: "left" or "right" along an arc; "around": a loop from one lane to the next one on its left.
+        turn: "left" or "right" along an arc; "around": a loop from one lane to the next one on its inner side.
         width_m: width; None: 4.
         widths_m: widths at the start, at each point of `via`, and at the end, in place of `width_m`. Between them the
             width of a curved lane changes evenly; each straight piece is as wide as its narrower end.
@@ -246,6 +247,7 @@ class PlaceDescription:
         signals: traffic lights.
         cut: the place is cut out of a map: lanes may end, and vehicles that leave come in again where lanes begin, out
             of sight. Connected cars turn where they need not leave.
+        traffic_side: side of the road that vehicles keep to. The inner side of a lane is the other one.
         starts: where vehicles start; None: every 15 m on straight lanes that no other crosses.
         cars_first: number of starts with a rank that have cars, whatever else is drawn.
         speeds_m_s: speeds that a policy can choose from, rising in equal steps; empty: 0, half and all of the limit.
@@ -272,6 +274,7 @@ class PlaceDescription:
     roads: tuple[MapLane, ...]
     signals: tuple[MapSignal, ...] = ()
     cut: bool = False
+    traffic_side: Annotated[str, OneOf(tuple(OUTER_SIDES))] = "right"
     starts: tuple[MapStart, ...] | None = None
     cars_first: Annotated[int, Checked(require_count, (0,))] = 0
     speeds_m_s: tuple[float, ...] = ()

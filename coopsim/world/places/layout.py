@@ -13,6 +13,7 @@ from coopsim.geometry import exact
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.arrays import numbered
 from coopsim.types import Ints, Mask
+from coopsim.types.driving import OUTER_SIDES
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.model import Model
 from coopsim.world.places.polyline import PolylineLane
@@ -224,6 +225,11 @@ class Layout:
     furnishing: tuple[StaticPart, ...] = ()
     relief: Relief | None = None
     bystanders: tuple[Bystander, ...] = ()
+
+    @property
+    def outer_side(self) -> int:
+        """The side of lanes on which kerbs are: 1 is the left, -1 the right."""
+        return OUTER_SIDES[self.road_map.traffic_side]
 
 
 def box_part(

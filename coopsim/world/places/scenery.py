@@ -110,19 +110,19 @@ _DASH_M, _PERIOD_M, _HALF_M = 3.0, 7.5, 0.1
 _TOUCH_M = 0.3  # largest gap between the edges of two lanes side by side
 
 
-def lane_lines(network: RoadNetwork, movements: Collection[Road] = ()) -> tuple[Floats, ...]:
+def lane_lines(network: RoadNetwork, movements: Collection[Road] = (), inner: int = 1) -> tuple[Floats, ...]:
     """Return dashes (4, 2) m, counter-clockwise, where two straight or two curved lanes lie side by side.
 
-    There are none on `movements`.
+    There are none on `movements`. `inner` is the side of lanes on which oncoming ones are: 1 is the left, -1 the right.
     """
     every = [lane for index, lane in network.lanes.items() if index[:2] not in movements]
     lanes = [lane for lane in every if isinstance(lane, StraightLane)]
-    curved = _curved_lines([lane for lane in every if isinstance(lane, PolylineLane)])
+    curved = _curved_lines([lane for lane in every if isinstance(lane, PolylineLane)], inner)
     if not lanes:
         return curved
     start, along = (np.array([getattr(lane, name) for lane in lanes]) for name in ("start", "direction"))
     length_m, half_m = np.array([lane.length for lane in lanes]), np.array([lane.width for lane in lanes]) / 2
-    left = np.column_stack([-along[:, 1], along[:, 0]])
+    left = inner * np.column_stack([-along[:, 1], along[:, 0]])  # the inner side
     counts = (length_m / _PERIOD_M).astype(np.int64)
     own, number = numbered(counts)
     at_m = (number + 0.5) * (length_m / np.maximum(counts, 1))[own]
@@ -131,15 +131,15 @@ def lane_lines(network: RoadNetwork, movements: Collection[Road] = ()) -> tuple[
     ahead_m = (offset * along).sum(axis=2)
     aside_m = (offset * left).sum(axis=2)
     shared = (ahead_m > 0) & (ahead_m < length_m) & (np.abs(np.abs(aside_m) - half_m) < _TOUCH_M)
-    # A line between opposite lanes is the left edge of both: it belongs to the first.
+    # A line between opposite lanes is the inner edge of both: it belongs to the first.
     shared &= (aside_m < 0) | (np.arange(len(lanes)) > own[:, None])
     painted = shared.any(axis=1)
-    reach, aside = _DASH_M / 2 * along[own], _HALF_M * left[own]
+    reach, aside = _DASH_M / 2 * along[own], inner * _HALF_M * left[own]
     corners = (-reach - aside, reach - aside, reach + aside, aside - reach)
     return (*np.stack([middle + corner for corner in corners], axis=1)[painted], *curved)
 
 
-def _curved_lines(lanes: Sequence[PolylineLane]) -> tuple[Floats, ...]:
+def _curved_lines(lanes: Sequence[PolylineLane], inner: int) -> tuple[Floats, ...]:
     """Return dashes (4, 2) m, counter-clockwise, where two of the lanes lie side by side."""
     corners = np.concatenate([np.zeros(0, CORNER), *(lane.corners for lane in lanes)])
     first, found = np.cumsum([0, *(len(lane.corners) for lane in lanes)]), list[Floats]()
@@ -147,20 +147,20 @@ def _curved_lines(lanes: Sequence[PolylineLane]) -> tuple[Floats, ...]:
         count = int(lane.length / _PERIOD_M)
         at_m = np.asarray((np.arange(count) + 0.5) * (lane.length / max(count, 1)), dtype=np.float64)
         middle = lane.positions(at_m, 0.0)
-        left = lane.positions(at_m, 1.0) - middle
+        left = lane.positions(at_m, inner) - middle  # the inner side
         middle += lane.widths_at(at_m)[:, None] / 2 * left
         reach, aside = _DASH_M / 2 * np.column_stack([left[:, 1], -left[:, 0]]), _HALF_M * left
         offsets = (-reach - aside, reach - aside, reach + aside, aside - reach)
         dashes = np.stack([middle + offset for offset in offsets], axis=1)
-        found += list(dashes[_are_shared(middle, corners, first, number)])
+        found += list(dashes[_are_shared(middle, corners, first, number, inner)])
     return tuple(found)
 
 
 @njit(cache=True, nogil=True)
-def _are_shared(points: Floats, corners: NDArray[Any], first: Ints, own: int) -> Mask:
-    """Return the mask (N,) of points (N, 2) m on lane `own`'s left edge that are on another lane's edge, too.
+def _are_shared(points: Floats, corners: NDArray[Any], first: Ints, own: int, inner: int) -> Mask:
+    """Return the mask (N,) of points (N, 2) m on lane `own`'s inner edge that are on another lane's edge, too.
 
-    An edge that is the left one of both belongs to the first of them. Corners of lane k are those from `first[k]` on.
+    An edge that is the inner one of both belongs to the first of them. Corners of lane k are those from `first[k]` on.
     """
     shared = np.zeros(len(points), np.bool_)
     for k in range(len(first) - 1):
@@ -172,5 +172,5 @@ def _are_shared(points: Floats, corners: NDArray[Any], first: Ints, own: int) ->
             along, aside = polyline_coordinates(corners, start, count, points[n, 0], points[n, 1])
             half_m = corners[piece_at(corners, start, count, along)].width / 2
             touches = 0 < along < last.along and abs(abs(aside) - half_m) < _TOUCH_M
-            shared[n] = touches and (aside < 0 or k > own)
+            shared[n] = touches and (inner * aside < 0 or k > own)
     return shared

@@ -59,7 +59,8 @@ class _AtTheCorner(Situation):
         ]
         towards = [replace(each, before_m=_AFTER_M) for each in reach]
         for site in corner_sites(layout, rng, *reach):
-            against = [oncoming_way(way, each) for way, each in zip((site.way, site.across), towards, strict=True)]
+            ends = zip((site.way, site.across), towards, strict=True)
+            against = [oncoming_way(way, each, layout.outer_side) for way, each in ends]
             hidden = is_hidden(layout, site.way.position(-speed * _HIDDEN_S), site.across.position(-other * _HIDDEN_S))
             if hidden and against[0] is not None and against[1] is not None:
                 break
@@ -76,19 +77,19 @@ class _AtTheCorner(Situation):
         return Stage(
             staged,
             passing(EGO, site.way, CONFLICT_S, speed, connected=True, model=ego.name),
-            (runner, *_traffic(rng, ways, (speed, other), late), *self._occluders(rng, site)),
+            (runner, *_traffic(rng, ways, (speed, other), late), *self._occluders(rng, site, layout.outer_side)),
             (),
             site.way.position(0.0),
         )
 
-    def _occluders(self, rng: np.random.Generator, site: CornerSite) -> list[VehicleRole]:
-        """Draw two vehicles at the corner: at the right kerb of whichever of the two has the other on its right."""
-        way = site.way if site.side < 0 else site.across
-        front_m, aside_m, roles = -draw(rng, self.occluder_m), -draw(rng, self.aside_m), list[VehicleRole]()
+    def _occluders(self, rng: np.random.Generator, site: CornerSite, outer: int) -> list[VehicleRole]:
+        """Draw two vehicles at the corner: at the kerb of whichever of the two has the other on that side."""
+        way = site.way if site.side == outer else site.across
+        front_m, aside_m, roles = -draw(rng, self.occluder_m), draw(rng, self.aside_m), list[VehicleRole]()
         for name in ("first occluder", "second occluder"):
             model = draw_model(rng, *_OCCLUDERS)
             length_m, width_m = (float(size) for size in model.size_m[:2])
-            roles.append(standing(name, way, front_m - length_m / 2, aside_m - width_m / 2, model))
+            roles.append(standing(name, way, front_m - length_m / 2, outer * (aside_m + width_m / 2), model))
             front_m -= length_m + draw(rng, _GAP_M)
         return roles
 

@@ -16,6 +16,7 @@ from typing import ClassVar
 import numpy as np
 
 from coopsim.geometry import exact
+from coopsim.geometry.se3 import Floats
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.places.layout import Layout
 from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork, StraightLane
@@ -30,7 +31,7 @@ _PAST_M = 3.0  # from the truck's front to where the ego begins to pull in
 _SPARE_M = 6.0  # of the lane, before and after the way past the truck
 _LATER_S = (2.2, 3.2)  # an oncoming car after the one that conflicts
 _AFTER_M = 20.0
-_ASIDE_M = (0.0, 0.5)  # of the truck, to the left of the middle of its lane
+_ASIDE_M = (0.0, 0.5)  # of the truck, from the middle of its lane towards the oncoming one
 _TRIES = 4  # places on each lane
 
 
@@ -67,11 +68,11 @@ class Overtaking(Situation):
         reach = Reach(speed * CONFLICT_S, _AFTER_M, speed, speed * (CONFLICT_S + HEADWAY_S[1]))
         towards = Reach(towards_m_s * CONFLICT_S, _AFTER_M, towards_m_s, towards_m_s * (CONFLICT_S + _LATER_S[1]))
         for index, aside_m, share in _straight_lanes(layout, rng):
-            detour = Detour(radius_m, aside_m, length_m + _PAST_M - beside_m)
+            detour = Detour(radius_m, aside_m, length_m + _PAST_M - beside_m, -layout.outer_side)
             room_m = layout.network.get_lane(index).length - detour.length_m - 2 * _SPARE_M
             start_m = _SPARE_M + share * room_m
             way = find_way(layout.network, index, start_m + detour.swing_m + meets_m - beside_m, reach)
-            oncoming = None if way is None else oncoming_way(way, towards)
+            oncoming = None if way is None else oncoming_way(way, towards, layout.outer_side)
             if room_m > 0 and way is not None and oncoming is not None:
                 break
         else:
@@ -80,7 +81,7 @@ class Overtaking(Situation):
         roads = [road for each in way.roads for road in (around if each == index[:2] else (each,))]
         past = way_through(network, roads, roads.index(around[1]), detour.arc_m + meets_m - beside_m)
         limits = dict.fromkeys(roads, speed) | dict.fromkeys(oncoming.roads, towards_m_s)
-        truck_aside_m = draw(rng, _ASIDE_M)
+        truck_aside_m = -layout.outer_side * draw(rng, _ASIDE_M)
         blocks = (around[0][1], around[-1][0], 0), detour.swing_m - beside_m + length_m / 2
         return Stage(
             with_limits(replace(layout, network=network), limits),
@@ -107,17 +108,19 @@ class Overtaking(Situation):
 
 @dataclass(frozen=True, slots=True)
 class Detour:
-    """A way from a straight lane to the left, beside it, and back.
+    """A way from a straight lane to one side, beside it, and back.
 
     Attributes:
         radius_m: radius of its four bends.
-        aside_m: distance to the left.
+        aside_m: distance to the side.
         beside_m: length beside the lane.
+        side: the side, 1: left, -1: right.
     """
 
     radius_m: float
     aside_m: float
     beside_m: float
+    side: int = 1
 
     @property
     def turned_rad(self) -> float:
@@ -164,16 +167,20 @@ class Detour:
 
     def _pieces(self, lane: Lane, start_m: float) -> Iterator[Lane]:
         """Yield the pieces of the detour from a straight lane."""
-        heading, turned, radius = lane.heading_at(0.0), self.turned_rad, self.radius_m
-        left, right = heading - math.pi / 2, heading + math.pi / 2  # from the centres of bends to either side
+        heading, turned, radius = lane.heading_at(0.0), self.side * self.turned_rad, self.radius_m
+        low, high = heading - self.side * math.pi / 2, heading + self.side * math.pi / 2  # from the centres of bends
         out_m = start_m + self.swing_m
         back_m, in_m = out_m + self.beside_m, out_m + self.beside_m + self.swing_m
         rest = (lane.width, lane.speed_limit)
-        yield CircularLane(lane.position(start_m, radius), radius, left, left + turned, *rest)
-        yield CircularLane(lane.position(out_m, self.aside_m - radius), radius, right + turned, right, *rest)
-        yield StraightLane(lane.position(out_m, self.aside_m), lane.position(back_m, self.aside_m), *rest)
-        yield CircularLane(lane.position(back_m, self.aside_m - radius), radius, right, right - turned, *rest)
-        yield CircularLane(lane.position(in_m, radius), radius, left - turned, left, *rest)
+
+        def at(along_m: float, aside_m: float) -> Floats:
+            return lane.position(along_m, self.side * aside_m)
+
+        yield CircularLane(at(start_m, radius), radius, low, low + turned, *rest)
+        yield CircularLane(at(out_m, self.aside_m - radius), radius, high + turned, high, *rest)
+        yield StraightLane(at(out_m, self.aside_m), at(back_m, self.aside_m), *rest)
+        yield CircularLane(at(back_m, self.aside_m - radius), radius, high, high - turned, *rest)
+        yield CircularLane(at(in_m, radius), radius, low - turned, low, *rest)
 
 
 def _straight_lanes(layout: Layout, rng: np.random.Generator) -> Iterator[tuple[LaneIndex, float, float]]:
@@ -186,7 +193,7 @@ def _straight_lanes(layout: Layout, rng: np.random.Generator) -> Iterator[tuple[
         index, lane = lanes[k]
         if isinstance(lane, StraightLane) and index[:2] not in layout.movements:
             way = Way(layout.network, (index,), np.array([-lane.length / 2]))
-            oncoming = oncoming_way(way, Reach(0.0, 0.0, 0.0))
+            oncoming = oncoming_way(way, Reach(0.0, 0.0, 0.0), layout.outer_side)
             if oncoming is not None:
                 aside_m = float(exact.norm(way.position(0.0) - oncoming.position(0.0)))
                 yield from ((index, aside_m, share) for share in rng.random(_TRIES).tolist())

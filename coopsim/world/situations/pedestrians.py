@@ -8,6 +8,7 @@ people at 8 km/h.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -66,7 +67,7 @@ class _FromTheKerb(Situation):
         reach = Reach(speed * CONFLICT_S, _AFTER_M, speed, speed * (CONFLICT_S + HEADWAY_S[1]))
         towards = Reach(_AFTER_M, _AFTER_M, speed, speed * (CONFLICT_S + _ONCOMING_S[-1][1]))
         for site in kerb_sites(layout, rng.permutation(len(layout.bays)).tolist(), reach):
-            oncoming = oncoming_way(site.way, towards)
+            oncoming = oncoming_way(site.way, towards, layout.outer_side)
             if oncoming is not None and site.room_m > _ROOM_M:
                 break
         else:
@@ -78,7 +79,7 @@ class _FromTheKerb(Situation):
         fronts_s = CONFLICT_S - (across_m - length_m / 2) / speed
         traffic = _traffic(rng, site.way, oncoming, fronts_s, speed)
         near_m = min(approach, site.room_m - 0.6, walking * (CONFLICT_S + late))
-        path = [site.way.position(across_m, aside) for aside in (-near_m, 0.0, _FAR_SIDE_M)]
+        path = [site.way.position(across_m, layout.outer_side * aside) for aside in (near_m, 0.0, -_FAR_SIDE_M)]
         starts_s = CONFLICT_S + late - near_m / walking
         walk = WalkRole(*self.person, np.array(path), walking, max(starts_s, 0.0), conflicts=True)
         return Stage(
@@ -105,6 +106,11 @@ def _is_beside(way: Way, point: tuple[float, float], across_m: float) -> bool:
     return bool(np.hypot(*offset) < _BESIDE_BAY_M + across_m)
 
 
+def _in_bay(rng: np.random.Generator, site: KerbSite) -> float:
+    """Draw the distance from the way's middle, to its left, to the middle of a vehicle in the bay."""
+    return site.bay_m - math.copysign(1.0, site.bay_m) * draw(rng, (-0.2, 0.2))
+
+
 @SITUATIONS.register("occluded_pedestrian")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OccludedPedestrian(_FromTheKerb):
@@ -116,7 +122,7 @@ class OccludedPedestrian(_FromTheKerb):
     def occluders(self, rng: np.random.Generator, site: KerbSite, gap_m: float) -> tuple[float, list[VehicleRole]]:
         """Draw a van."""
         van = draw_model(rng, ObjectClass.VAN)
-        aside_m = site.bay_m + draw(rng, (-0.2, 0.2))
+        aside_m = _in_bay(rng, site)
         return float(van.size_m[0]) / 2 + gap_m, [standing("van", site.way, 0.0, aside_m, van)]
 
 
@@ -133,7 +139,7 @@ class ChildBetweenCars(_FromTheKerb):
     def occluders(self, rng: np.random.Generator, site: KerbSite, gap_m: float) -> tuple[float, list[VehicleRole]]:
         """Draw two cars, the same distance from the child's way."""
         first, second = draw_model(rng, ObjectClass.CAR), draw_model(rng, ObjectClass.CAR)
-        aside_m = [site.bay_m + draw(rng, (-0.2, 0.2)) for _ in range(2)]
+        aside_m = [_in_bay(rng, site) for _ in range(2)]
         across_m = float(first.size_m[0]) / 2 + gap_m
         after_m = across_m + gap_m + float(second.size_m[0]) / 2
         return across_m, [

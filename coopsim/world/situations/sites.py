@@ -176,16 +176,16 @@ def with_limits(layout: Layout, limits: dict[Road, float]) -> Layout:
     return replace(layout, network=network)
 
 
-def oncoming_way(way: Way, reach: Reach) -> Way | None:
+def oncoming_way(way: Way, reach: Reach, outer: int) -> Way | None:
     """Return the way of oncoming traffic past a way's place of interest, which it counts from as well.
 
-    None: there is none, or it is too short for `reach`.
+    None: there is none, or it is too short for `reach`. `outer` is the place's `Layout.outer_side`.
     """
     here, heading = way.position(0.0), way.heading(0.0)
     near = []
     for index, along, aside, turned in _lanes_beside(way.network, here, heading):
-        if math.pi - turned < _KINK_RAD and 0 < aside < _ONCOMING_M:
-            near.append((aside, index, along))
+        if math.pi - turned < _KINK_RAD and 0 < -outer * aside < _ONCOMING_M:
+            near.append((-outer * aside, index, along))
     if not near:
         return None
     _, index, along = min(near)
@@ -206,12 +206,12 @@ def _lanes_beside(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KerbSite:
-    """A bay at the right of a straight street.
+    """A bay at the kerb of a straight street.
 
     Attributes:
         way: the ego's way past it; places count from the bay's middle.
         bay_m: distance of the bay's middle to the left of the way's middle: negative, it is to the right.
-        room_m: distance from the way's middle to the nearest building on the right, at most `FARTHEST_M`.
+        room_m: distance from the way's middle to the nearest building on the bay's side, at most `FARTHEST_M`.
     """
 
     way: Way
@@ -225,24 +225,25 @@ FARTHEST_M = 15.0
 
 def kerb_sites(layout: Layout, order: Sequence[int], reach: Reach) -> Iterator[KerbSite]:
     """Yield the sites at bays whose streets reach far enough, in the order of the bays' numbers (N,)."""
+    outer = layout.outer_side
     for bay in (layout.bays[k] for k in order):
         here = np.array([bay.x_m, bay.y_m])
         beside = [
-            (-aside, index, along)
+            (outer * aside, index, along)
             for index, along, aside, turned in _lanes_beside(layout.network, here, bay.heading_rad)
-            if turned < _KINK_RAD and _ALONGSIDE_M[0] < -aside < _ALONGSIDE_M[1]
+            if turned < _KINK_RAD and _ALONGSIDE_M[0] < outer * aside < _ALONGSIDE_M[1]
         ]
         if not beside:
             continue
         away_m, index, along = min(beside)
         way = find_way(layout.network, index, along, reach)
         if way is not None:
-            yield KerbSite(way, -away_m, _room_m(layout, way))
+            yield KerbSite(way, outer * away_m, _room_m(layout, way))
 
 
 def _room_m(layout: Layout, way: Way) -> float:
-    """Return the distance to the nearest building on the right of a way's place of interest, at most `FARTHEST_M`."""
-    start, end = way.position(0.0), way.position(0.0, -FARTHEST_M)
+    """Return the distance to the nearest building at the kerb of a way's place of interest, at most `FARTHEST_M`."""
+    start, end = way.position(0.0), way.position(0.0, layout.outer_side * FARTHEST_M)
     shares = [share for outline in layout.road_map.buildings if (share := first_share(start, end, outline)) is not None]
     return FARTHEST_M * min(shares, default=1.0)
 

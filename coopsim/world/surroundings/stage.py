@@ -23,10 +23,11 @@ _GAP_M = 0.3
 
 
 class Anchor(NamedTuple):
-    """Point (2,) m on a line, and the direction (rad) of the line; its right side is outward."""
+    """Point (2,) m on a line, the direction (rad) of the line, and its side that is outward, 1: left, -1: right."""
 
     at_m: Floats
     heading_rad: float
+    side: int = -1
 
 
 @dataclass(slots=True, eq=False)
@@ -57,8 +58,8 @@ class Stage:
         own, step = each // steps, np.array(steps_m)[each % steps]
         discs = np.concatenate([draft.discs for draft in drafts])[first[own] + place]
         at = np.array([anchor.at_m for anchor in anchors])[own]
-        heading = np.array([anchor.heading_rad for anchor in anchors])
-        middles = _placed(discs[:, :2], at, exact.cos(heading)[own], exact.sin(heading)[own], step)
+        heading, side = np.array([(anchor.heading_rad, anchor.side) for anchor in anchors]).T
+        middles = _placed(discs[:, :2], at, exact.cos(heading)[own], exact.sin(heading)[own], side[own], step)
         layers = discs[:, 3].astype(np.int64)
         # Crowns over lanes are moved out of the grid of obstacles, where nothing fits.
         middles[self._over_lanes(middles, discs[:, 2], layers), 0] = np.inf
@@ -91,8 +92,8 @@ class Stage:
         """Add furniture and bystanders of a composition."""
         own = np.array([[item.x_m, item.y_m] for item in items]).reshape(-1, 2)
         cos, sin = exact.cos(anchor.heading_rad), exact.sin(anchor.heading_rad)
-        for item, (x, y) in zip(items, _placed(own, anchor.at_m, cos, sin, step_m).tolist(), strict=True):
-            heading = anchor.heading_rad - item.turn_rad
+        for item, (x, y) in zip(items, _placed(own, anchor.at_m, cos, sin, anchor.side, step_m).tolist(), strict=True):
+            heading = anchor.heading_rad + anchor.side * item.turn_rad
             if item.model is not None:
                 self.bystanders.append(Bystander.of(item.model, x, y, heading))
             elif KINDS[item.kind].along:
@@ -104,8 +105,10 @@ class Stage:
                 self.furniture.append(MapFurniture(item.kind, (x, y), float(np.degrees(heading)), **item.sizes))
 
 
-def _placed(points: Floats, at_m: Floats, cos: Floats, sin: Floats, step_m: Floats | float) -> Floats:
-    """Return points (N, 2) of compositions' axes in the world's; outward is to the right of the direction."""
-    along_m, out_m = points[:, 0], points[:, 1] + step_m
-    placed: Floats = at_m + np.column_stack([along_m * cos + out_m * sin, along_m * sin - out_m * cos])
+def _placed(
+    points: Floats, at_m: Floats, cos: Floats, sin: Floats, side: Floats | int, step_m: Floats | float
+) -> Floats:
+    """Return points (N, 2) of compositions' axes in the world's; outward is a side of the direction, see `Anchor`."""
+    along_m, left_m = points[:, 0], side * (points[:, 1] + step_m)
+    placed: Floats = at_m + np.column_stack([along_m * cos - left_m * sin, along_m * sin + left_m * cos])
     return placed

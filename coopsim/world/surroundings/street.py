@@ -90,7 +90,7 @@ def _along(sides: Sides, every_m: float) -> list[Anchor]:
     """Return evenly spaced anchors on the edges of sides."""
     along, _ = sides.grid(every_m)
     edge, _, heading = sides.stands(along)
-    return [Anchor(*each) for each in zip(edge, heading.tolist(), strict=True)]
+    return [Anchor(*each, sides.side) for each in zip(edge, heading.tolist(), strict=True)]
 
 
 def _along_fronts(ends: Floats, out: Floats) -> list[Anchor]:

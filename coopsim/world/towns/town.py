@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import is_dataclass
+from collections.abc import Callable
+from dataclasses import is_dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any, TypeVar, cast
@@ -60,6 +61,10 @@ def describe_town(seed: int, options: TownOptions = _ANY) -> PlaceDescription:
 @lru_cache(_KEPT)
 def draw_place(seed: int, options: TownOptions = _ANY) -> Place:
     """Draw a town, and build it."""
+    if options.traffic_side == "left":
+        right = draw_place(seed, replace(options, traffic_side="right"))
+        assert right.description is not None, "it was built from one"
+        return replace(build_place(mirrored(right.description), right.name), population=right.population)
     bare = build_place(leafy(describe_streets(seed, options)), f"town-{seed}")
     assert bare.description is not None, "it was built from one"
     layout, description = furnished(bare.make_layout(), bare.description, seed)
@@ -67,7 +72,7 @@ def draw_place(seed: int, options: TownOptions = _ANY) -> Place:
 
 
 def describe_streets(seed: int, options: TownOptions = _ANY) -> PlaceDescription:
-    """Draw a description like `describe_town`, but without furniture."""
+    """Draw a description like `describe_town`, but without furniture, and with traffic on the right."""
     plan = draw_plan(seed, options)
     roads = lay_roads(plan)
     usual, spots = place_starts(plan, roads)
@@ -139,6 +144,27 @@ def turned(part: T, angle_rad: float) -> T:
         east, north = round((cos * x - sin * y) * _SCALE), round((sin * x + cos * y) * _SCALE)
         return east / _SCALE + 0.0, north / _SCALE + 0.0
 
+    return _placed(part, point, lambda heading_deg: heading_deg + angle_deg)
+
+
+def mirrored(description: PlaceDescription) -> PlaceDescription:
+    """Return the place in which y is -y, and traffic keeps to the other side."""
+    found = _placed(description, lambda at: (at[0] + 0.0, 0.0 - at[1]), lambda heading_deg: -heading_deg)
+    roads = tuple(
+        replace(each, turn=_OTHER.get(each.turn or "", each.turn), left=each.right, right=each.left)
+        for each in found.roads
+    )
+    # What a line has on its left, such as rails, is on the left of the line back.
+    pieces = found.furniture and tuple(replace(each, along=each.along[::-1]) for each in found.furniture)
+    return replace(found, roads=roads, furniture=pieces, traffic_side=_OTHER[found.traffic_side])
+
+
+_OTHER = {"left": "right", "right": "left"}
+
+
+def _placed(part: T, point: Callable[[Point], Point], turn_deg: Callable[[float], float]) -> T:
+    """Return a description, or a part of one, with other points and headings."""
+
     def content(name: str, value: Any) -> Any:
         if value is None or isinstance(value, str):
             return value
@@ -149,7 +175,7 @@ def turned(part: T, angle_rad: float) -> T:
         if name == "nodes":
             return {each: point(at) for each, at in value.items()}
         if name == "heading_deg":
-            return round((float(value) + angle_deg + 180.0) % 360.0 - 180.0, _DECIMALS) + 0.0
+            return round((turn_deg(float(value)) + 180.0) % 360.0 - 180.0, _DECIMALS) + 0.0
         if isinstance(value, tuple):
             return tuple(whole(each) if is_dataclass(each) else each for each in value)
         if is_dataclass(value):

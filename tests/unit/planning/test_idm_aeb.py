@@ -60,6 +60,7 @@ def drive(
     limit: float = 13.9,
     planner: str = "idm_aeb",
     bend: Callable[[float], float] = lambda along: 0.0,
+    traffic_side: str = "right",
 ) -> Drive:
     """Drive east on y = 0 among others."""
     driver, at, acceleration = make_planner(planner), 0.0, 0.0
@@ -84,7 +85,10 @@ def drive(
         along = np.arange(121.0)
         limits = np.array([limit if bend(at + each) == 0 else bend(at + each) for each in along])
         route = Route(np.column_stack([along, np.zeros(121)]), 1.0, limits, np.full(121, right_of_way))
-        car = PlannedCar("cav_0", round(time_s * 1e9), DT_S, tracks, speed, acceleration, 0.0, LENGTH_M, WIDTH_M, route)
+        size = LENGTH_M, WIDTH_M
+        car = PlannedCar(
+            "cav_0", round(time_s * 1e9), DT_S, tracks, speed, acceleration, 0.0, *size, route, traffic_side
+        )
         wanted = float(np.clip(driver.plan(car), -LARGEST_BRAKING_M_S2, LARGEST_ACCELERATION_M_S2))
         acceleration += float(np.clip(wanted - acceleration, -JERK_M_S3 * DT_S, JERK_M_S3 * DT_S))
         speed = max(speed + acceleration * DT_S, 0.0)
@@ -179,6 +183,16 @@ def test_with_priority_it_goes_on_while_the_other_can_still_stop() -> None:
         drive([far], speed=10.0, seconds=0.7, right_of_way=side) for side in (GIVES_WAY, HAS_PRIORITY)
     )
     assert min(priority.acceleration) > min(yielding.acceleration)
+
+
+@pytest.mark.parametrize(("traffic_side", "first"), [("right", -1), ("left", 1)])
+def test_where_nobody_has_the_right_of_way_the_outer_side_goes_first(traffic_side: str, first: int) -> None:
+    """At the same time come a car on the outer side, whom it lets pass, and one on the inner side, who waits."""
+    waits, goes = (
+        drive([Other(28.0, side * 24.0, vy=side * -8.0)], seconds=0.7, right_of_way=0, traffic_side=traffic_side)
+        for side in (first, -first)
+    )
+    assert min(waits.acceleration) < -0.3 and min(goes.acceleration) > min(waits.acceleration) + 0.3
 
 
 def test_with_priority_it_still_brakes_for_one_that_does_not_stop() -> None:
