@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from coopsim.geometry.se3 import Floats
+from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.localization.odometry import Points
 from coopsim.support.kernels import njit
 
@@ -30,6 +30,12 @@ _BAND_EDGES = np.array([0.12, 0.4, 0.75, 1.1])
 """Heights between which points count, as shares of the box's: the ground is below, and a tree's crown above."""
 
 _WIDTH = 8
+
+_STRIP_M = 4.0
+"""Width of the strips in which a box's points are looked for."""
+
+_CLEARLY_M_S = 1.5
+"""Speed backwards from which a box is thought to be the wrong way round."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,11 +93,18 @@ class SweepMotion(nn.Module):
         shift = torch.stack([(chance.sum(1) * along).sum(1), (chance.sum(2) * left).sum(1)], dim=1)
         return shift * sweeps.cell_m_s[:, None]
 
-    def velocities(self, points: Points, boxes: Floats) -> Floats:
-        """Return the velocities over ground (N, 2) m/s of boxes (N, 7), in the axes of both sweeps' points (P, 5)."""
+    def look(self, points: Points, boxes: Floats) -> tuple[Floats, Floats]:
+        """Return boxes (N, 7) that head to where they clearly move, and their velocities over ground (N, 2) m/s.
+
+        Args:
+            points: (P, 5) of both sweeps.
+            boxes: (N, 7) in the points' frame; some may be the wrong way round.
+        """
         seen, device = box_sweeps(points, boxes), self.scale.device
         motion = self(BoxSweeps(seen.counts.to(device), seen.cell_m_s.to(device))).double().numpy(force=True)
-        return over_ground(motion, boxes[:, 6])
+        turned = boxes.copy()
+        turned[:, 6] = np.where(motion[:, 0] < -_CLEARLY_M_S, wrap_angle(boxes[:, 6] + np.pi), boxes[:, 6])
+        return turned, over_ground(motion, boxes[:, 6])
 
 
 def over_ground(motion: Floats, yaw: Floats) -> Floats:
@@ -110,13 +123,35 @@ def _correlated(now: Tensor, before: Tensor) -> Tensor:
 
 
 @njit(cache=True, nogil=True)
+def _strips(x):  # type: ignore[no-untyped-def]
+    """Return points (P,) by strips of x in turn, where each strip starts (K + 1,), and the first one's lower edge."""
+    low = x.min() if len(x) else np.float32(0)
+    strip = np.empty(len(x), np.int64)
+    for p in range(len(x)):
+        strip[p] = int((x[p] - low) / _STRIP_M)
+    start = np.zeros(strip.max() + 2 if len(x) else 1, np.int64)
+    for each in strip:
+        start[each + 1] += 1
+    start = np.cumsum(start)
+    order, after = np.empty(len(x), np.int64), start.copy()
+    for p in range(len(x)):
+        order[after[strip[p]]] = p
+        after[strip[p]] += 1
+    return order, start, low
+
+
+@njit(cache=True, nogil=True)
 def _counted(x, y, z, age_s, boxes, cell_m):  # type: ignore[no-untyped-def]
     """Return the counts of `BoxSweeps`; along the box a point is shared by the two nearest cells."""
     counts = np.zeros((len(boxes), 2 * _BANDS, ROWS, COLUMNS), np.float32)
+    order, start, low = _strips(x)
+    x, y, z, age_s = x[order], y[order], z[order], age_s[order]
     for n in range(len(boxes)):
         cos, sin = np.cos(boxes[n, 6]) / cell_m[n], np.sin(boxes[n, 6]) / cell_m[n]
         reach, bottom = np.hypot(ROWS, COLUMNS) / 2 * cell_m[n], boxes[n, 2] - boxes[n, 5] / 2
-        for p in range(len(x)):
+        first_strip = min(max(int((boxes[n, 0] - reach - low) / _STRIP_M), 0), len(start) - 1)
+        last_strip = min(max(int((boxes[n, 0] + reach - low) / _STRIP_M) + 1, 0), len(start) - 1)
+        for p in range(start[first_strip], start[last_strip]):
             dx, dy = x[p] - boxes[n, 0], y[p] - boxes[n, 1]
             if abs(dx) > reach or abs(dy) > reach:
                 continue

@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.localization.odometry import Points, turned
 from coopsim.nn.camera.picture_batch import SeenPicture
@@ -136,7 +137,8 @@ class CloudDetector(FrameDetector):
     def _moving(motion: SweepMotion, found: Detections, points: Points) -> Detections:
         if found.velocity is None:
             return found
-        return replace(found, velocity=motion.velocities(points, found.boxes.array))
+        boxes, velocity = motion.look(points, found.boxes.array)
+        return replace(found, boxes=Boxes3D.from_array(boxes), velocity=velocity)
 
     def _detect(self, region: BevGrid, least_score: float, frames: Sequence[SensedFrame]) -> list[Detections]:
         if self._covariance is None:

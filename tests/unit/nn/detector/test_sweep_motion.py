@@ -40,9 +40,10 @@ def test_sweeps_around_a_box_do_not_depend_on_its_heading() -> None:
     box = np.array([[0.0, 0.0, 0.8, *CAR, 0.0]])
     points = drive(box, np.array([[9.0, 0.5]]), np.random.default_rng(0))
     there = points.copy()
-    there[:, :2] = over_ground(points[:, :2].astype(np.float64), np.full(len(points), 2.0)) + [30.0, -7.0]
+    there[:, :2] = over_ground(points[:, :2].astype(np.float64), np.full(len(points), 2.0))
+    there[:, :2] += [30.0, -7.0]
     one = box_sweeps(points, box)
-    other = box_sweeps(there, box + [30.0, -7.0, 0, 0, 0, 0, 2.0])
+    other = box_sweeps(there, np.array([[30.0, -7.0, *box[0, 2:6], 2.0]]))
     assert one.counts.shape == (1, 6, ROWS, COLUMNS)
     torch.testing.assert_close(one.counts[:, :3].sum(), torch.tensor(40.0 * 0.88), atol=6.0, rtol=0)  # none below
     assert (one.counts - other.counts).abs().sum() < 0.05 * one.counts.sum()
@@ -87,11 +88,18 @@ def test_what_is_learned_on_some_headings_and_speeds_holds_on_others() -> None:
     people[:, 3:6] = [0.8, 0.5, 1.7]
     walk = np.sign(velocity) * 1.0
     for there, moves, fast in ((boxes, velocity, 1.0), (people, walk, 0.5)):
-        found = net.velocities(drive(there, moves, rng), there)
+        backwards = there + np.pi * np.eye(7)[6] * (rng.random(len(there)) < 0.5)[:, None]
+        headed, found = net.look(drive(there, moves, rng), backwards)
         speed = np.linalg.norm(moves, axis=1)
         error = np.linalg.norm(found - moves, axis=1)
         assert np.median((error / np.maximum(speed, 1e-9))[speed > fast]) < 0.2
-    assert np.median(np.linalg.norm(net.velocities(drive(boxes, 0 * velocity, rng), boxes), axis=1)) < 0.5
+        ahead = (moves * np.column_stack([np.cos(headed[:, 6]), np.sin(headed[:, 6])])).sum(axis=1)
+        if fast == 1.0:  # a car heads to where it moves; one that stands stays as it was found
+            assert (ahead[speed > 3.0] > 0).mean() > 0.8
+        np.testing.assert_array_equal(headed[:, :6], there[:, :6])
+    headed, found = net.look(drive(boxes, 0 * velocity, rng), boxes)
+    assert np.median(np.linalg.norm(found, axis=1)) < 0.5
+    np.testing.assert_allclose(headed, boxes)
 
 
 def test_no_boxes_have_no_motions() -> None:
