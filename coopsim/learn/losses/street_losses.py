@@ -28,4 +28,5 @@ def motion_loss(motion: Tensor, true: Tensor) -> Tensor:
     each = functional.smooth_l1_loss(error, torch.zeros_like(error), reduction="none", beta=0.1).sum(dim=1)
     moves = speed[:, 0] >= MOVING_M_S
     moving, standing = (each[some].sum() / some.sum().clamp(min=1) for some in (moves, ~moves))
-    return moving + _STANDING * standing
+    total: Tensor = moving + _STANDING * standing
+    return total

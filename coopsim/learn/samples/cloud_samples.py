@@ -161,8 +161,8 @@ def _sample(
     pillars = pillarize(points, grid, encoder.pillars)
     if not encoder.tells_motion:
         return DetectorSample(pillars, targets)
-    shown = kept & ~doubtful & moves
-    return DetectorSample(pillars, targets, moved_boxes(points, boxes[shown], velocity[shown], rng))
+    told = kept & ~doubtful & moves
+    return DetectorSample(pillars, targets, moved_boxes(points, boxes[told], velocity[told], rng))
 
 
 LEAST_POINTS = 3

@@ -31,8 +31,8 @@ _BAND_EDGES = np.array([0.12, 0.4, 0.75, 1.1])
 
 _WIDTH = 8
 
-_STRIP_M = 4.0
-"""Width of the strips in which a box's points are looked for."""
+_STRIP_M, _STRIPS = 4.0, 64
+"""Width and number of the strips in which a box's points are looked for."""
 
 _CLEARLY_M_S = 1.5
 """Speed backwards from which a box is thought to be the wrong way round."""
@@ -59,8 +59,8 @@ def box_sweeps(points: Points, boxes: Floats) -> BoxSweeps:
         boxes: (N, 7) x, y, z, l, w, h, yaw in the points' frame.
     """
     cell_m = np.clip(boxes[:, 3] / _CELLS_OF_LENGTH, _FINEST_M, _COARSEST_M)
-    kept = (np.ascontiguousarray(points[:, k]) for k in (0, 1, 2, 4))
-    counts = _counted(*kept, np.ascontiguousarray(boxes, dtype=np.float64), cell_m)
+    x, y, z, _, age_s = np.ascontiguousarray(points.T)
+    counts = _counted(x, y, z, age_s, np.ascontiguousarray(boxes, dtype=np.float64), cell_m)
     speed = cell_m / max(float(points[:, 4].max(initial=0.0)), 1e-3)
     return BoxSweeps(torch.from_numpy(counts), torch.from_numpy(speed.astype(np.float32)))
 
@@ -85,8 +85,8 @@ class SweepMotion(nn.Module):
         if not len(counts):
             return counts.new_zeros(0, 2)
         with torch.autocast(counts.device.type, enabled=False):
-            found = self.layers(torch.log1p(counts).unflatten(1, (2, _BANDS)).flatten(0, 1)).unflatten(0, (-1, 2))
-            found = found / (found.flatten(2).norm(dim=2)[:, :, None, None, None] + 1e-3)
+            found = self.layers(torch.log1p(counts).view(-1, _BANDS, ROWS, COLUMNS))
+            found = (found / (found.flatten(1).norm(dim=1)[:, None, None, None] + 1e-3)).view(-1, 2, *found.shape[1:])
             alike = self.scale * _correlated(found[:, 0], found[:, 1])
             chance = (alike + self.refine(alike[:, None])[:, 0]).flatten(1).softmax(1).view_as(alike)
         left, along = (torch.arange(-most, most + 1.0, device=chance.device) for most in (_ACROSS, _ALONG))
@@ -119,43 +119,46 @@ def _correlated(now: Tensor, before: Tensor) -> Tensor:
     size = (now.shape[2] + _ACROSS, now.shape[3] + _ALONG)  # the ends of a larger shift may meet beyond
     product = torch.fft.rfft2(now, s=size) * torch.fft.rfft2(before, s=size).conj()
     alike = torch.fft.irfft2(product.sum(1), s=size).roll((_ACROSS, _ALONG), (1, 2))
-    return alike[:, : 2 * _ACROSS + 1, : 2 * _ALONG + 1]
+    near: Tensor = alike[:, : 2 * _ACROSS + 1, : 2 * _ALONG + 1]
+    return near
 
 
 @njit(cache=True, nogil=True)
-def _strips(x):  # type: ignore[no-untyped-def]
-    """Return points (P,) by strips of x in turn, where each strip starts (K + 1,), and the first one's lower edge."""
-    low = x.min() if len(x) else np.float32(0)
-    strip = np.empty(len(x), np.int64)
-    for p in range(len(x)):
-        strip[p] = int((x[p] - low) / _STRIP_M)
-    start = np.zeros(strip.max() + 2 if len(x) else 1, np.int64)
-    for each in strip:
-        start[each + 1] += 1
+def _strip(x):  # type: ignore[no-untyped-def]
+    """Return the number of the strip that a place lies in; what lies beyond the last ones is in these."""
+    return int(min(max(x / _STRIP_M + _STRIPS / 2, 0.0), _STRIPS - 1.0))
+
+
+@njit(cache=True, nogil=True)
+def _by_strip(x):  # type: ignore[no-untyped-def]
+    """Return points (P,) by strips of x in turn, and where each strip starts (_STRIPS + 1,)."""
+    start = np.zeros(_STRIPS + 1, np.int64)
+    for each in x:
+        start[_strip(each) + 1] += 1
     start = np.cumsum(start)
     order, after = np.empty(len(x), np.int64), start.copy()
     for p in range(len(x)):
-        order[after[strip[p]]] = p
-        after[strip[p]] += 1
-    return order, start, low
+        order[after[_strip(x[p])]] = p
+        after[_strip(x[p])] += 1
+    return order, start
 
 
 @njit(cache=True, nogil=True)
 def _counted(x, y, z, age_s, boxes, cell_m):  # type: ignore[no-untyped-def]
     """Return the counts of `BoxSweeps`; along the box a point is shared by the two nearest cells."""
     counts = np.zeros((len(boxes), 2 * _BANDS, ROWS, COLUMNS), np.float32)
-    order, start, low = _strips(x)
+    order, start = _by_strip(x)
     x, y, z, age_s = x[order], y[order], z[order], age_s[order]
     for n in range(len(boxes)):
         cos, sin = np.cos(boxes[n, 6]) / cell_m[n], np.sin(boxes[n, 6]) / cell_m[n]
         reach, bottom = np.hypot(ROWS, COLUMNS) / 2 * cell_m[n], boxes[n, 2] - boxes[n, 5] / 2
-        first_strip = min(max(int((boxes[n, 0] - reach - low) / _STRIP_M), 0), len(start) - 1)
-        last_strip = min(max(int((boxes[n, 0] + reach - low) / _STRIP_M) + 1, 0), len(start) - 1)
-        for p in range(start[first_strip], start[last_strip]):
+        for p in range(start[_strip(boxes[n, 0] - reach)], start[_strip(boxes[n, 0] + reach) + 1]):
             dx, dy = x[p] - boxes[n, 0], y[p] - boxes[n, 1]
             if abs(dx) > reach or abs(dy) > reach:
                 continue
-            band = np.searchsorted(_BAND_EDGES, (z[p] - bottom) / boxes[n, 5], side="right") - 1
+            band = -1
+            for edge in _BAND_EDGES:
+                band += (z[p] - bottom) / boxes[n, 5] >= edge
             row = int(np.floor(cos * dy - sin * dx + ROWS / 2))
             if band < 0 or band >= _BANDS or row < 0 or row >= ROWS:
                 continue

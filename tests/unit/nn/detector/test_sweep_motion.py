@@ -59,6 +59,20 @@ def test_ground_and_crowns_do_not_count_and_ages_tell_the_sweeps_apart() -> None
     assert not len(box_sweeps(points, box[:0]).counts) and not box_sweeps(points[:0], box).counts.any()
 
 
+def test_points_are_found_around_any_box_and_far_ones_are_left_out() -> None:
+    rng = np.random.default_rng(0)
+    middle = np.array([[-900.0, 3.0], [-128.0, 0.0], [-3.9, -40.0], [0.0, 0.0], [127.9, 5.0], [5000.0, 0.0]])
+    boxes = np.column_stack([middle, np.full(6, 0.8), np.tile(CAR, (6, 1)), rng.uniform(-3, 3, 6)])
+    points = np.concatenate([drive(boxes, np.zeros((6, 2)), rng), [[3e38, -3e38, 0.8, 0, 0]]]).astype(np.float32)
+    together = box_sweeps(points, boxes).counts
+    for each, box in zip(together, boxes, strict=True):
+        here = points.copy()
+        here[:, :2] -= box[:2].astype(np.float32)
+        alone = box_sweeps(here, np.array([[0, 0, *box[2:]]])).counts[0]
+        assert alone.sum() > 50
+        torch.testing.assert_close(each.sum((1, 2)), alone.sum((1, 2)), atol=1.0, rtol=0)
+
+
 def test_likeness_is_the_sum_of_products_at_each_shift() -> None:
     now, before = torch.rand(2, 3, 6, 14), torch.rand(2, 3, 6, 14)
     alike = sweep_motion._correlated(now, before)
