@@ -1,4 +1,4 @@
-"""How boxes move, from two sweeps: what lies in a box now is looked for in what lay around it before.
+"""Motions of boxes from two sweeps: what lies in a box now is looked for in what lay around it before.
 
 Both sweeps are counted in cells that turn with the box, go through the same layers, and are correlated at all shifts
 (the correlation of FlowNetC, Dosovitskiy et al., ICCV 2015, section 3, with learned features of counts).
