@@ -48,7 +48,7 @@ def head_loss(
     shared, logits = head.heat(features)
     parts = {"heat": heat_loss(logits, targets.heat, targets.objects, targets.ignored)}
     parts |= code_losses(head.codes(at_cells(shared, targets.cell)), targets)
-    if isinstance(head, JudgedHead):  # the velocity of its judge, if there is one, takes the place of the code's
+    if isinstance(head, JudgedHead):
         parts |= judge_losses(head, features, shared, logits, targets)
     return parts | losses_of(own, head, features, targets)
 

@@ -1,4 +1,4 @@
-"""Losses of the second look at boxes: which end is the front, how well a box fits, and how it moves."""
+"""Losses of the second look at boxes: which end is the front, and how well a box fits."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from coopsim.geometry.iou import iou_bev
-from coopsim.learn.losses.street_losses import motion_loss
 from coopsim.learn.samples.targets import Targets
-from coopsim.nn.detector.box_judge import over_ground, patches_of
+from coopsim.nn.detector.box_judge import patches_of
 from coopsim.nn.detector.decode import GROUP_OF_LABEL, cell_centers, find_peaks
 from coopsim.nn.detector.detector_net import CentreHead, JudgedHead, at_cells, decode_boxes
 from coopsim.types import BevGrid
@@ -29,8 +28,7 @@ def judge_losses(
 ) -> dict[str, Tensor]:
     """Return the losses "front" and "fit" of a head's judge on the boxes that the head finds in its maps now.
 
-    Both are cross entropies; boxes near objects that hardly show are left out. A judge that tells motions has
-    "velocity", too, see `coopsim.learn.losses.street_losses`.
+    Both are cross entropies; boxes near objects that hardly show are left out.
 
     Args:
         head: the head.
@@ -40,15 +38,14 @@ def judge_losses(
         targets: targets of the maps.
     """
     seen = found_boxes(head, features, shared, logits, targets)
-    forward, fits, motion = head.judge(seen.patches)
+    forward, fits = head.judge(seen.patches)
     assert fits is not None
     known = seen.ahead != 0
     front = functional.binary_cross_entropy_with_logits(
         forward, (seen.ahead > 0).float(), known.float(), reduction="sum"
     )
     fit = functional.binary_cross_entropy_with_logits(fits, seen.fit, reduction="sum")
-    parts = {"front": front / known.sum().clamp(min=1), "fit": fit / max(len(fits), 1)}
-    return parts if motion is None else {**parts, "velocity": motion_loss(motion, seen.motion, seen.moves)}
+    return {"front": front / known.sum().clamp(min=1), "fit": fit / max(len(fits), 1)}
 
 
 class FoundBoxes(NamedTuple):
@@ -59,16 +56,12 @@ class FoundBoxes(NamedTuple):
         group: (N,) number of the class's group.
         ahead: (N,) 1 or -1 for the right or wrong way round; 0: of nothing.
         fit: (N,) how well they fit, in [0, 1], see `_truth`.
-        motion: (N, 2) velocity of the objects that they are of, along the found box and to its left, m/s.
-        moves: (N,) 1 where that is known: of objects whose sample shows motion; else 0.
     """
 
     patches: Tensor
     group: Tensor
     ahead: Tensor
     fit: Tensor
-    motion: Tensor
-    moves: Tensor
 
 
 def found_boxes(
@@ -94,27 +87,24 @@ def found_boxes(
         code = head.codes(at_cells(shared, number * (rows * columns) + cell))
         boxes, _ = decode_boxes(code, label, cell_centers(cell, grid), grid.cell_m)
         group = torch.from_numpy(GROUP_OF_LABEL).to(label.device)[label]
-        truth = _truth(boxes, label, number, targets, grid)
-    return FoundBoxes(patches_of(features, boxes, number, grid), group, *truth)
+        ahead, fit = _truth(boxes, label, number, targets, grid)
+    return FoundBoxes(patches_of(features, boxes, number, grid), group, ahead, fit)
 
 
-def _truth(
-    boxes: Tensor, label: Tensor, number: Tensor, targets: Targets, grid: BevGrid
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Return `ahead`, `fit`, `motion` and `moves` of `FoundBoxes`, of boxes (N, 7).
+def _truth(boxes: Tensor, label: Tensor, number: Tensor, targets: Targets, grid: BevGrid) -> tuple[Tensor, Tensor]:
+    """Return `ahead` and `fit` of `FoundBoxes`, of boxes (N, 7).
 
     The fit is min(1, max(0, 2 IoU - 0.5)) with the best true box of the same group (CenterPoint, section 4.2).
     """
     size = grid.shape[0] * grid.shape[1]
     centres = targets.weight == 1
     cell, true_label = targets.cell[centres], targets.label[centres]
-    true, true_velocity = decode_boxes(targets.code[centres], true_label, cell_centers(cell % size, grid), grid.cell_m)
+    true, _ = decode_boxes(targets.code[centres], true_label, cell_centers(cell % size, grid), grid.cell_m)
     found, there = boxes.double().numpy(force=True), true.double().numpy(force=True)
     there[:, 6] = targets.yaw[centres].numpy(force=True)
     group, true_group = (GROUP_OF_LABEL[each.numpy(force=True)] for each in (label, true_label))
     owner, true_owner = number.numpy(force=True), torch.div(cell, size, rounding_mode="floor").numpy(force=True)
     fit, ahead = np.zeros(len(found), np.float32), np.zeros(len(found), np.float32)
-    of = np.full(len(found), -1)
     for k in np.unique(owner):
         rows, others = np.flatnonzero(owner == k), np.flatnonzero(true_owner == k)
         if not len(others):
@@ -125,11 +115,4 @@ def _truth(
         fit[rows] = np.clip(2 * iou - 0.5, 0.0, 1.0)
         way = np.sign(np.cos(found[rows, 6] - there[others[best], 6]))
         ahead[rows] = np.where(iou >= _SAME_IOU, way, 0.0)
-        of[rows] = np.where(iou >= _SAME_IOU, others[best], -1)
-    known = of >= 0
-    motion, moves = np.zeros((len(found), 2), np.float32), np.zeros(len(found), np.float32)
-    velocity, yaw = true_velocity.double().cpu()[of[known]], torch.from_numpy(found[known, 6])
-    motion[known] = over_ground(velocity, -yaw).numpy()  # from the ground's axes to the box's
-    moves[known] = targets.moves[centres].numpy(force=True)[of[known]]
-    ahead_, fit_, motion_, moves_ = (torch.from_numpy(each).to(boxes.device) for each in (ahead, fit, motion, moves))
-    return ahead_, fit_, motion_, moves_
+    return torch.from_numpy(ahead).to(boxes.device), torch.from_numpy(fit).to(boxes.device)

@@ -1,4 +1,4 @@
-"""Loss of a `StreetHead`'s motions: velocities of what moves by themselves, as shares of the speed.
+"""Loss of a `SweepMotion`: velocities of what moves by themselves, as shares of the speed.
 
 Most objects stand, so a mean over all of them hardly asks for velocities, and least for large ones: a network that
 guesses a tenth of each is nearly right. Here what moves is one mean and what stands another, and errors count by the
@@ -18,17 +18,15 @@ _STANDING = 0.5
 """Weight of what stands against what moves."""
 
 
-def motion_loss(motion: Tensor, true: Tensor, weight: Tensor) -> Tensor:
+def motion_loss(motion: Tensor, true: Tensor) -> Tensor:
     """Return the errors of motions (N, 2), m/s, each as a share of 1 m/s and the object's speed.
 
-    It is the mean over objects that move, plus half of that over those that stand, both by `weight` (N,).
+    It is the mean over objects that move, plus half of that over those that stand.
     """
     speed = true.norm(dim=1, keepdim=True)
     error = (motion - true) / (1 + speed)
     each = functional.smooth_l1_loss(error, torch.zeros_like(error), reduction="none", beta=0.1).sum(dim=1)
-    moving = (speed[:, 0] >= MOVING_M_S).float()
-    return _mean(each, weight * moving) + _STANDING * _mean(each, weight * (1 - moving))
-
-
-def _mean(each: Tensor, weight: Tensor) -> Tensor:
-    return (each * weight).sum() / weight.sum().clamp(min=1.0)
+    moves = speed[:, 0] >= MOVING_M_S
+    moving, standing = (each[some].sum() / some.sum().clamp(min=1) for some in (moves, ~moves))
+    total: Tensor = moving + _STANDING * standing
+    return total

@@ -11,6 +11,7 @@ import numpy as np
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.learn.clips.clip import AgentScene, Clip, Scene
+from coopsim.learn.samples.moved_boxes import MovedBoxes, join_moved, moved_boxes
 from coopsim.learn.samples.sample_frames import boxes_in, joined, mirror, moved, noisy, sweeps_of, thin, tilt
 from coopsim.learn.samples.targets import Targets, join_targets, make_targets
 from coopsim.localization.odometry import Points
@@ -82,10 +83,11 @@ class SampleSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DetectorSample:
-    """A cloud in pillars, and the targets of its map."""
+    """A cloud in pillars, the targets of its map, and boxes whose motions it shows; None: the encoder tells none."""
 
     pillars: Pillars
     targets: Targets
+    moved: MovedBoxes | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,6 +96,7 @@ class DetectorBatch:
 
     pillars: PillarBatch
     targets: Targets
+    moved: MovedBoxes | None = None
 
 
 USUAL = EncoderConfig()
@@ -118,8 +121,11 @@ def detector_samples(
 
 def collate_detector(samples: Sequence[DetectorSample]) -> DetectorBatch:
     """Join samples into a batch."""
+    moved = [sample.moved for sample in samples if sample.moved is not None]
     return DetectorBatch(
-        collate([sample.pillars for sample in samples]), join_targets([sample.targets for sample in samples])
+        collate([sample.pillars for sample in samples]),
+        join_targets([sample.targets for sample in samples]),
+        join_moved(moved) if moved else None,
     )
 
 
@@ -152,7 +158,11 @@ def _sample(
     kept, doubtful = (left > 0) | unlabelled, (left < LEAST_POINTS) | unlabelled
     label = np.append(scene.label[shown], np.zeros(len(doubts), np.int64))
     targets = make_targets(boxes[kept], velocity[kept], label[kept], grid.coarser(STRIDE), doubtful[kept], moves=moves)
-    return DetectorSample(pillarize(points, grid, encoder.pillars), targets)
+    pillars = pillarize(points, grid, encoder.pillars)
+    if not encoder.tells_motion:
+        return DetectorSample(pillars, targets)
+    told = kept & ~doubtful & moves
+    return DetectorSample(pillars, targets, moved_boxes(points, boxes[told], velocity[told], rng))
 
 
 LEAST_POINTS = 3

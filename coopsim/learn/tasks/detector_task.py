@@ -17,6 +17,7 @@ from coopsim.learn.clips.clip import Clip
 from coopsim.learn.clips.world_recipe import WorldRecipe
 from coopsim.learn.losses.head_losses import head_loss
 from coopsim.learn.losses.own_losses import own_losses
+from coopsim.learn.losses.street_losses import motion_loss
 from coopsim.learn.recipe import TrainingRecipe
 from coopsim.learn.samples.cloud_samples import DetectorBatch, SampleSettings, collate_detector, detector_samples
 from coopsim.learn.samples.targets import Targets
@@ -69,7 +70,10 @@ class DetectorTask(TrainingTask[DetectorNet]):
         return collate_detector(samples)
 
     def losses(self, batch: DetectorBatch) -> dict[str, Tensor]:
-        return head_loss(self.net.head, self.net.encoder(batch.pillars), batch.targets, self._own)
+        parts = head_loss(self.net.head, self.net.encoder(batch.pillars), batch.targets, self._own)
+        if self.net.motion is not None and batch.moved is not None:  # in place of the code's velocities
+            parts["velocity"] = motion_loss(self.net.motion(batch.moved.sweeps), batch.moved.motion)
+        return parts
 
 
 def found_map(head: Any, features: Tensor, targets: Targets) -> list[FoundMap]:

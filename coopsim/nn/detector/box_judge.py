@@ -1,8 +1,6 @@
-"""A second look at found boxes: which end is the front, how well they fit (CenterPoint, section 4.2), how they move."""
+"""A second look at found boxes: which end is the front, and how well they fit (CenterPoint, section 4.2)."""
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -13,37 +11,19 @@ from coopsim.types import BevGrid
 
 _HIDDEN = (128, 64)
 
-MOTION_SCALE = 10.0
-"""Unit of motions within the network, m/s."""
-
-
-class Judgement(NamedTuple):
-    """Answers of a second look at N boxes.
-
-    Attributes:
-        forward: (N,) logits: the box is the right way round.
-        fits: (N,) logits of the quality min(1, max(0, 2 IoU - 0.5)), None where that is not judged.
-        motion: (N, 2) velocity along the box and to its left, m/s, None where that is not told.
-    """
-
-    forward: Tensor
-    fits: Tensor | None
-    motion: Tensor | None
-
 
 class BoxJudge(nn.Module):
     """A small network on the features in and around a box, at places that turn with it.
 
-    The way round and the motion are odd under half a turn of the box: a box and the same one backwards have opposite
-    ones. The fit is even. A map's axes do not matter to any, so a street in one direction teaches those of all others.
+    The way round is odd under half a turn of the box: a box and the same one backwards have opposite ones. The fit is
+    even. A map's axes do not matter to either, so a street in one direction teaches those of all others.
 
     Args:
         channels: channels of the features.
         fits: it also judges how well a box fits.
-        moves: it also tells how a box moves.
     """
 
-    def __init__(self, channels: int, *, fits: bool = True, moves: bool = False) -> None:
+    def __init__(self, channels: int, *, fits: bool = True) -> None:
         super().__init__()
         self.channels = channels
         first, second = _HIDDEN
@@ -52,25 +32,20 @@ class BoxJudge(nn.Module):
             nn.ReLU(),
             nn.Linear(first, second),
             nn.ReLU(),
-            nn.Linear(second, 1 + fits + 2 * moves),
+            nn.Linear(second, 1 + fits),
         )
 
-    def forward(self, patches: Tensor) -> Judgement:
-        """Return what `box_patches` (N, 9 C) of boxes tell."""
+    def forward(self, patches: Tensor) -> tuple[Tensor, Tensor | None]:
+        """Return logits (N,) of `box_patches` (N, 9 C): the box is the right way round, and it fits.
+
+        The latter is of the quality min(1, max(0, 2 IoU - 0.5)), and None without `fits`.
+        """
         patches = patches.float()
         backwards = patches.view(len(patches), PLACES**2, self.channels).flip(1).flatten(1)
         with torch.autocast(patches.device.type, enabled=False):
             one, other = self.layers(patches), self.layers(backwards)
         fits = one[:, 1] + other[:, 1] if one.shape[1] > 1 else None
-        motion = (one[:, 2:] - other[:, 2:]) * MOTION_SCALE if one.shape[1] > 2 else None
-        return Judgement(one[:, 0] - other[:, 0], fits, motion)
-
-
-def over_ground(motion: Tensor, yaw: Tensor) -> Tensor:
-    """Return velocities (N, 2) in a map's frame, given along and left of boxes that head to `yaw` (N,) in it."""
-    cos, sin = yaw.cos(), yaw.sin()
-    along, left = motion.unbind(1)
-    return torch.stack([cos * along - sin * left, sin * along + cos * left], dim=1)
+        return one[:, 0] - other[:, 0], fits
 
 
 def turned_round(boxes: Tensor, forward: Tensor) -> Tensor:

@@ -68,7 +68,7 @@ def decode(
         group = torch.from_numpy(GROUP_OF_LABEL).to(label.device)[label]
         if head.judge is not None:
             patches = patches_of(features, boxes, batch, grid)
-            boxes, velocity, score = head.second_look(boxes, velocity, score, group, patches)
+            boxes, score = head.second_look(boxes, score, group, patches)
     kept = np.flatnonzero(score.numpy(force=True) >= least_score)
     arrays = [each.numpy(force=True)[kept] for each in (group, batch, boxes, score, label, covariance, velocity)]
     known = [False] * len(features) if moving is None else moving

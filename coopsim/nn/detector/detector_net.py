@@ -7,10 +7,11 @@ import math
 import torch
 from torch import Tensor, nn
 
-from coopsim.nn.detector.box_judge import BoxJudge, over_ground, turned_round
+from coopsim.nn.detector.box_judge import BoxJudge, turned_round
 from coopsim.nn.detector.encoder import EncoderConfig, PillarEncoder, conv
 from coopsim.nn.detector.sparse_cells import SparseCells, SparseConv, filled
 from coopsim.nn.detector.sparse_encoder import SparseEncoder
+from coopsim.nn.detector.sweep_motion import SweepMotion
 from coopsim.types.taxonomy import CLASS_NAMES, ObjectClass
 
 MEAN_SIZE_M = {
@@ -123,9 +124,6 @@ def covariances(log_variance: Tensor, boxes: Tensor) -> Tensor:
     return out
 
 
-Looked = tuple[Tensor, Tensor, Tensor]
-"""Boxes (N, 7), velocities (N, 2) m/s and scores (N,) after a second look."""
-
 VEHICLES = 0
 """Number of the group of vehicles among those of `coopsim.nn.detector.decode.GROUPS`."""
 
@@ -168,14 +166,14 @@ class CentreHead(nn.Module):
             code: Tensor = self.code_of(shared_at.float())
         return code
 
-    def second_look(self, boxes: Tensor, velocity: Tensor, score: Tensor, group: Tensor, patches: Tensor) -> Looked:
-        """Return boxes, vehicles the right way round; see `JudgedHead.second_look`.
+    def second_look(self, boxes: Tensor, score: Tensor, group: Tensor, patches: Tensor) -> tuple[Tensor, Tensor]:
+        """Return boxes (N, 7), vehicles the right way round, and their scores (N,); see `JudgedHead.second_look`.
 
         The sweep of a person does not show which way they face, so people and riders stay as they are.
         """
         assert self.judge is not None
-        forward = self.judge(patches).forward
-        return turned_round(boxes, torch.where(group == VEHICLES, forward, 1.0)), velocity, score
+        forward, _ = self.judge(patches)
+        return turned_round(boxes, torch.where(group == VEHICLES, forward, 1.0)), score
 
 
 def at_cells(maps: Tensor, cell: Tensor) -> Tensor:
@@ -220,44 +218,28 @@ class JudgedHead(nn.Module):
         """Let scores be as the network gives them."""
         self.get_buffer("calibration").copy_(torch.tensor([[1.0, 0.0]] * 3))
 
-    def second_look(self, boxes: Tensor, velocity: Tensor, score: Tensor, group: Tensor, patches: Tensor) -> Looked:
-        """Return boxes (N, 7) the right way round, their velocities (N, 2), and calibrated scores (N,).
+    def second_look(self, boxes: Tensor, score: Tensor, group: Tensor, patches: Tensor) -> tuple[Tensor, Tensor]:
+        """Return boxes (N, 7) the right way round, and calibrated scores (N,).
 
         The score is the root of heat times quality (CenterPoint, section 4.2), its logit moved and stretched for each
         group so that it is the share of right boxes among those with this score.
 
         Args:
             boxes: found boxes.
-            velocity: (N, 2) what their codes say, m/s; kept, unless the judge tells motions.
             score: (N,) heat.
             group: (N,) number of the class's group.
             patches: (N, 9 C), see `coopsim.nn.covariance.covariance_net.box_patches`.
         """
-        forward, fits, motion = self.judge(patches)
+        forward, fits = self.judge(patches)
         assert fits is not None
         logit = torch.logit(torch.sqrt(score * fits.sigmoid()), 1e-6)
         slope, shift = self.get_buffer("calibration")[group].unbind(1)
-        told = velocity if motion is None else over_ground(motion, boxes[:, 6])
-        return turned_round(boxes, forward), told, torch.sigmoid(slope * logit + shift)
-
-
-class StreetHead(JudgedHead):
-    """A head that tells how a box moves when it looks again.
-
-    A cell's code would have to know each velocity in every direction of the map. At places that turn with the box, what
-    came and what left between two sweeps looks the same whatever the heading.
-    """
-
-    def __init__(self, channels: int = 64) -> None:
-        super().__init__(channels)
-        self.judge = BoxJudge(channels, moves=True)
+        return turned_round(boxes, forward), torch.sigmoid(slope * logit + shift)
 
 
 def make_head(kind: str, channels: int) -> CentreHead | JudgedHead:
     """Return a head of one of `HEADS` with random weights."""
-    if kind == "street":
-        return StreetHead(channels)
-    return JudgedHead(channels) if kind == "judged" else CentreHead(channels, turned=kind == "turned")
+    return JudgedHead(channels) if kind in ("judged", "street") else CentreHead(channels, turned=kind == "turned")
 
 
 def make_encoder(config: EncoderConfig) -> PillarEncoder | SparseEncoder:
@@ -266,10 +248,13 @@ def make_encoder(config: EncoderConfig) -> PillarEncoder | SparseEncoder:
 
 
 class DetectorNet(nn.Module):
-    """An encoder of points and the head on its features; state: `encoder.*`, `head.*`."""
+    """An encoder of points, the head on its features, and perhaps the motion of boxes; state: `encoder.*`, `head.*`,
+    `motion.*`.
+    """
 
     def __init__(self, config: EncoderConfig | None = None) -> None:
         super().__init__()
         self.config = config or EncoderConfig()
         self.encoder = make_encoder(self.config)
         self.head = make_head(self.config.head, self.config.features)
+        self.motion = SweepMotion() if self.config.tells_motion else None

@@ -27,7 +27,7 @@ LAYOUTS = ("dense", "sparse")
 HEADS = ("centre", "turned", "judged", "street")
 """Kinds of heads: files of weights name theirs. "turned" is "centre" with a second look at each box, for which of its
 ends is the front. "judged" computes where features are, and looks again for that and for how well the box fits.
-"street" is "judged" that tells a box's motion when it looks again."""
+"street" is "judged"; beside it, a network on two sweeps compares them for how each box moves."""
 
 GROUNDS = ("smooth", "local")
 """Rules of the ground: see `coopsim.nn.detector.ground` and `coopsim.nn.detector.local_ground`."""
@@ -80,6 +80,11 @@ class EncoderConfig:
             least, most = (1, MOST_CHANNELS) if name == "channels" else (0, _MOST_LAYERS)
             require_count(least, most, **{f"{name}[{k}]": one for k, one in enumerate(given)})
             object.__setattr__(self, name, given)
+
+    @property
+    def tells_motion(self) -> bool:
+        """True if both sweeps are compared for how boxes move."""
+        return self.head == "street" and self.sweeps > 1
 
     @property
     def pillars(self) -> PillarSettings:

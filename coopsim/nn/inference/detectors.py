@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.localization.odometry import Points, turned
 from coopsim.nn.camera.picture_batch import SeenPicture
@@ -20,6 +21,7 @@ from coopsim.nn.covariance.covariance_net import CovarianceNet, box_patches
 from coopsim.nn.detector.decode import decode
 from coopsim.nn.detector.detector_net import CentreHead, DetectorNet, JudgedHead
 from coopsim.nn.detector.encoder import STRIDE
+from coopsim.nn.detector.sweep_motion import SweepMotion
 from coopsim.nn.inference.backend import PROCESSOR, Backend
 from coopsim.nn.inference.canvas import compass_region
 from coopsim.nn.inference.encoders import BothEncoder, PointEncoder, SensedFrame, SensorEncoder, encode_frames, folded
@@ -89,6 +91,7 @@ class CloudDetector(FrameDetector):
         encoder = PointEncoder(net, backend)
         super().__init__(encoder, net.head, net.config.cell_m, backend)
         self._frame, self._covariance, self.sweeps = partial(SensedFrame, encoder), covariance, net.config.sweeps
+        self._motion = None if net.motion is None else backend.place(net.motion)
 
     def detect(
         self, points: NDArray[np.float32], region_m: tuple[float, float], heading_rad: float, least_score: float
@@ -119,6 +122,23 @@ class CloudDetector(FrameDetector):
         region = compass_region((reach_m, reach_m), 0.0, self._cell_m)
         with self._backend.inference():
             return self._seen(region, least_score, [self._frame(points)])[0]
+
+    def _decoded(
+        self, region: BevGrid, least_score: float, frames: Sequence[SensedFrame]
+    ) -> tuple[list[Detections], Tensor]:
+        """Return what `FrameDetector` does, with the velocities of a network that compares both sweeps."""
+        found, features = super()._decoded(region, least_score, frames)
+        if self._motion is not None:
+            both = zip(found, frames, strict=True)
+            found = [self._moving(self._motion, each, frame.points) for each, frame in both]
+        return found, features
+
+    @staticmethod
+    def _moving(motion: SweepMotion, found: Detections, points: Points) -> Detections:
+        if found.velocity is None:
+            return found
+        boxes, velocity = motion.look(points, found.boxes.array)
+        return replace(found, boxes=Boxes3D.from_array(boxes), velocity=velocity)
 
     def _detect(self, region: BevGrid, least_score: float, frames: Sequence[SensedFrame]) -> list[Detections]:
         if self._covariance is None:

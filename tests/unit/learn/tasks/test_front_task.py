@@ -96,7 +96,7 @@ def test_validation_is_the_share_of_wrong_ways() -> None:
     task = FrontTask(recipe(), 0)
     batch = task.collate(task.cut_held_out(CLIP, np.random.default_rng(0)))
     with torch.no_grad():
-        forward = task.net.head.judge(batch.patches).forward
+        forward, _ = task.net.head.judge(batch.patches)
     right = FoundVehicle(batch.patches, (forward > 0).float())
     assert np.isnan(task.evaluate(task.net, [])["backwards"])
     assert task.evaluate(task.net, [right]) == {"backwards": 0.0}
