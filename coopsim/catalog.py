@@ -112,7 +112,8 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
 
     Args:
         name: `crossing` (its newest version), `crossing-v2`, the PettingZoo id `coopsim/crossing-v2`, the path of a
-            scenario file (`.yaml`), or that of a folder of recordings.
+            scenario file (`.yaml`), of a file of places, such as a map (`coopsim.world.drawn_places`), or that of a
+            folder of recordings.
         **options: options of every environment (`coopsim.envs.options`), of simulated ones
             (`coopsim.envs.simulated.simulation_options`), of the population (`coopsim.world.population`), and of drawn
             towns (`coopsim.world.drawn_options`).
@@ -125,7 +126,7 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
     require_printable(environment=str(name))
     if is_recordings_folder(name):
         return ENVIRONMENTS.get(newest("replay"))(path=name, **options)
-    if isinstance(name, Path) or is_scenario_file(name):
+    if isinstance(name, Path) or is_scenario_file(name) or is_place_file(name):
         return ENVIRONMENTS.get(newest("file"))(path=name, **options)
     known = newest(name.removeprefix(f"{NAMESPACE}/")) if isinstance(name, str) else name
     return ENVIRONMENTS.get(known)(**options)
@@ -140,9 +141,17 @@ def refuse_writing(options: Mapping[str, Any], where: str) -> None:
 
 def is_scenario_file(name: object) -> bool:
     """Return whether `name` is the path of a scenario file, and not the name of an environment, nor a folder."""
-    if isinstance(name, (str, Path)) and Path(name).is_dir():
+    if (isinstance(name, (str, Path)) and Path(name).is_dir()) or is_place_file(name):
         return False
     return isinstance(name, Path) or str(name).lower().endswith(SCENARIO_SUFFIXES)
+
+
+def is_place_file(name: object) -> bool:
+    """Return whether `name` is the path of a file of places, see `coopsim.world.drawn_places.is_place_file`."""
+    if "." not in str(name):  # as names of scenarios: the world need not be loaded
+        return False
+    found: bool = importlib.import_module("coopsim.world.drawn_places").is_place_file(name)
+    return found
 
 
 def is_recordings_folder(name: object) -> bool:

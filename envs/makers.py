@@ -26,8 +26,7 @@ from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import CoopsimError, DuplicateNameError, InvalidValueError
 from coopsim.recordings.formats import AUTO, TEXT, find_format, formats, open_folder
 from coopsim.support.checks import require_choice
-from coopsim.world.drawn_options import PlaceSeeds, TownOptions
-from coopsim.world.drawn_places import TOWN, TOWN_KEYS, choose_scenarios, scenario_names
+from coopsim.world.drawn_places import TOWN_KEYS, choose_scenarios, find_drawer, is_place_file, scenario_names
 from coopsim.world.places.description import PlaceDescription
 from coopsim.world.population import Population, drop_overridden
 from coopsim.world.recording.episode_file import Episode
@@ -41,16 +40,17 @@ def simulation_env(
     """Make a simulated environment.
 
     Args:
-        scenario: name of the scenario, or a custom place; "town" draws a place for each episode.
+        scenario: name of the scenario, path of a file of places, or a custom place; "town" and such files draw a place
+            for each episode.
         name: the environment's id.
         density: a factor on the numbers of vehicles and people.
         reward: reward by name or as an object, see `coopsim.envs.rewards`; None is "mota".
-        **options: fields of `CommonOptions`, `SimulationOptions` and `Population`; for "town" also of `TownOptions` and
-            `PlaceSeeds`.
+        **options: fields of `CommonOptions`, `SimulationOptions` and `Population`; for drawn places also those of
+            `DrawnPlaces.kinds`.
     """
-    towns = (PlaceSeeds, TownOptions) if scenario == TOWN else ()
-    groups = (CommonOptions, SimulationOptions, Population, *towns)
-    if not towns:
+    drawer = find_drawer(scenario)
+    groups = (CommonOptions, SimulationOptions, Population, *(() if drawer is None else drawer.kinds))
+    if drawer is None:
         _refuse_town_keys(scenario, options)
     sort_options(options, *groups, also_accepted=["density", "reward"])  # refuses typos before a recording is read
     playback = options.get("playback")
@@ -114,7 +114,8 @@ def file_env(name: str, /, *, path: str | Path | None = None, **options: Any) ->
 
     Args:
         name: the environment's id.
-        path: scenario file, or the name of one that ships with coopsim; there is no default.
+        path: scenario file, or the name of one that ships with coopsim; or a file of places, such as a map; there is no
+            default.
         **options: options of `simulation_env`; they override the file's.
 
     Raises:
@@ -122,6 +123,8 @@ def file_env(name: str, /, *, path: str | Path | None = None, **options: Any) ->
     """
     if not isinstance(path, (str, Path)):
         raise InvalidValueError(f"path must be that of a scenario file, got {path!r}")
+    if is_place_file(path):
+        return simulation_env(str(path), name, **options)
     file = load_scenario_file(path)
     try:
         if file.situation is not None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
-from typing import Any
+from pathlib import Path
+from typing import Any, ClassVar
 
 from coopsim.support.checks import require_choice
 from coopsim.support.registry import Registry
@@ -22,15 +23,21 @@ TOWN_KEYS = tuple(field.name for kind in _OF_TOWNS for field in fields(kind))
 
 
 class DrawnPlaces(ABC):
-    """Drawer of places."""
+    """Drawer of places.
+
+    Attributes:
+        kinds: `PlaceSeeds`, and the class of the options of its places.
+    """
+
+    kinds: ClassVar[tuple[type[Any], type[Any]]] = (PlaceSeeds, TownOptions)
 
     @abstractmethod
-    def place(self, place_seed: int, options: TownOptions) -> Place:
+    def place(self, place_seed: int, options: Any) -> Place:
         """Draw a place."""
 
     @abstractmethod
     def scenarios(
-        self, seeds: PlaceSeeds, options: TownOptions, density: float, detail: str | None, numbers: Mapping[str, Any]
+        self, seeds: PlaceSeeds, options: Any, density: float, detail: str | None, numbers: Mapping[str, Any]
     ) -> EpisodeScenarios:
         """Return the scenarios of episodes in drawn places.
 
@@ -50,6 +57,27 @@ class DrawnPlaces(ABC):
 DRAWN: Registry[type[DrawnPlaces]] = Registry("drawn place", home="coopsim.world.towns.scenarios")
 """Drawers of places, by the names of their scenarios."""
 
+PLACE_FILES: Registry[Callable[[str], DrawnPlaces]] = Registry(
+    "file of places", home="coopsim.data.maps.place.scenarios"
+)
+"""Makers of drawers of places from the path of a file, by how its name ends, before ".gz" and in small letters."""
+
+
+def is_place_file(scenario: object) -> bool:
+    """Return whether a scenario is the path of a file that places are drawn from, by its name."""
+    if not isinstance(scenario, (str, Path)) or "." not in str(scenario):
+        return False
+    return str(scenario).lower().removesuffix(".gz").endswith(PLACE_FILES.names())
+
+
+def find_drawer(scenario: object) -> DrawnPlaces | None:
+    """Return what draws the places of a scenario; None: it is one place."""
+    if is_place_file(scenario):
+        path = str(scenario)
+        (end,) = (end for end in PLACE_FILES if path.lower().removesuffix(".gz").endswith(end))
+        return PLACE_FILES.get(end)(path)
+    return DRAWN.get(scenario)() if isinstance(scenario, str) and scenario in DRAWN else None
+
 
 def choose_scenarios(
     place: str | Place, *, density: float = 1.0, detail: str | None = None, **options: Any
@@ -57,20 +85,23 @@ def choose_scenarios(
     """Return the scenarios of an environment's episodes.
 
     Args:
-        place: name of a scenario, "town" among them, or a custom place.
+        place: name of a scenario, "town" among them, path of a file of places, or a custom place.
         density: factor on the numbers of vehicles and people, but not of agents.
         detail: one of `coopsim.world.scenario.DETAILS`; None: the usual one of the place.
-        **options: fields of `Population`, and of `PlaceSeeds` and `TownOptions` for towns.
+        **options: fields of `Population`, and those of `DrawnPlaces.kinds` for drawn places.
 
     Raises:
         CoopsimError: see `make_scenario` and `DrawnPlaces`.
     """
-    if not isinstance(place, Place):
-        require_choice("scenario", place, scenario_names())
-    if isinstance(place, Place) or place not in DRAWN:
+    drawer = find_drawer(place)
+    if drawer is None:
+        if not isinstance(place, Place):
+            require_choice("scenario", place, scenario_names())
         return SameScenario(make_scenario(place, density=density, detail=detail, **options))
-    seeds, town = ({f.name: options.pop(f.name) for f in fields(kind) if f.name in options} for kind in _OF_TOWNS)
-    return DRAWN.get(place)().scenarios(PlaceSeeds(**seeds), TownOptions(**town), density, detail, options)
+    seeds, own = (
+        kind(**{f.name: options.pop(f.name) for f in fields(kind) if f.name in options}) for kind in drawer.kinds
+    )
+    return drawer.scenarios(seeds, own, density, detail, options)
 
 
 def scenario_names() -> list[str]:

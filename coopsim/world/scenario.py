@@ -34,6 +34,8 @@ DETAILS = ("plain", "full", "street")
 """How much there is to see: roads, buildings and a few shapes of actors; also furniture, plants, varied actors; also
 the surroundings of real streets, and people and vehicles at rest in them."""
 
+MOST_BYSTANDERS = 600
+"""Most actors at rest in the surroundings of one place; those that come later are left out."""
 
 FURNISHINGS: Registry[Callable[..., Layout]] = Registry("furnishing", home="coopsim.world.surroundings.furnishings")
 """Functions that return a layout with more in it.

@@ -17,15 +17,39 @@ from coopsim.world.places.description import SURFACES, MapArea, MapHump
 from coopsim.world.places.layout import flat_part
 from coopsim.world.places.road_network import CircularLane, Road
 from coopsim.world.relief.surfaces import USUAL_HEIGHT_M, USUAL_LENGTH_M, Hump
+from coopsim.world.relief.terrain import STEEPEST, Terrain
 from coopsim.world.snapshot import StaticPart
 
+AROUND_M = 150.0
+"""Of ground on each side of the outermost nodes."""
 
-def build_ground(roads: Roads) -> Groundworks:
-    """Build the shape of the ground from a description."""
+
+def build_terrain(roads: Roads, low: Floats, high: Floats) -> Terrain | None:
+    """Build the ground between two corners (2,) m from the heights in a description; None: it is flat."""
+    heights, entry = roads.description.heights, roads.root.part("heights")
+    if not heights:
+        return None
+    for k, spot in enumerate(heights):
+        if len(spot) != 3:
+            raise entry.part(k).error(f"heights must be lists of x, y and z, got one of {len(spot)}")
+    spots = np.array(heights, dtype=np.float64)
+    if ((spots[:, :2] < low) | (spots[:, :2] > high)).any():
+        raise entry.error(f"heights must be at most {AROUND_M:g} m from the nodes")
+    terrain = Terrain(spots, low, high)
+    if terrain.steepest > STEEPEST:
+        raise entry.error(
+            f"the ground must rise by at most {STEEPEST:g} m per m at the places of heights, got "
+            f"{terrain.steepest:.2f} even where it is smooth"
+        )
+    return terrain
+
+
+def build_ground(roads: Roads, terrain: Terrain | None) -> Groundworks:
+    """Build the shape of the ground from a description and its terrain."""
     description, root = roads.description, roads.root
     humps = tuple(_hump(hump, k, roads) for k, hump in enumerate(description.humps))
     wet = tuple(convex(patch.outline, root.part("wet", k, "outline")) for k, patch in enumerate(description.wet))
-    return Groundworks(float(description.kerb_m), float(description.crown), humps, wet)
+    return Groundworks(float(description.kerb_m), float(description.crown), humps, wet, terrain)
 
 
 def turning_loops(roads: Roads) -> list[Road]:

@@ -20,15 +20,17 @@ from coopsim.types import Ints
 from coopsim.world.models.surfaces import wet_albedo
 from coopsim.world.places.layout import ASPHALT, PAVEMENT, Layout
 from coopsim.world.places.polyline import PolylineLane
-from coopsim.world.places.relief import Relief, drape, laid_on
+from coopsim.world.places.relief import Relief, drape, laid_on, with_triangles
 from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork
 from coopsim.world.relief.kerbs import kerb_faces, pavement_tops
 from coopsim.world.relief.surfaces import Hump, crown_triangles, normals_of
+from coopsim.world.relief.terrain import CELL_M, Terrain
 from coopsim.world.snapshot import StaticPart
 
 _ROAD_REFLECTIVITY, _PAVEMENT_REFLECTIVITY = 0.18, 0.35
 _PAVING, _KERB = (104, 92, 86), (172, 170, 163)
 _BESIDE = ("ground", "grass", "yard", "parking")  # surfaces below the road's
+_LAID = ("road", "pavement")  # further parts that are cut to lie on a terrain
 _CLOSER = 0.3  # factor on their depths: things on them stand at the height 0
 _WATER_M, _PAINT_M = 0.004, 0.008  # over the road: in this order water and paint lie on it
 _GAMMA = 2.2  # of colours
@@ -43,29 +45,40 @@ class Groundworks:
         crown: fall of the roads from the middle to the gutters, m per m.
         humps: on the roads.
         wet: outlines (K, 2) m of water on the roads, convex, counter-clockwise.
+        terrain: on which all of these lie; None: it is flat.
     """
 
     kerb_m: float = 0.0
     crown: float = 0.0
     humps: tuple[Hump, ...] = ()
     wet: tuple[Floats, ...] = ()
+    terrain: Terrain | None = None
 
     def applied(self, layout: Layout, flat: Collection[Road]) -> Layout:
         """Return a layout on this ground, without crowns on movements and `flat` roads; flat ground changes nothing."""
-        if self.kerb_m == 0 and self.crown == 0 and not self.humps and not self.wet:
+        flat_ground = self.kerb_m == 0 and self.crown == 0 and not self.humps and not self.wet
+        if flat_ground and self.terrain is None:
             return layout
         crowned = carriageways(layout.network, {*layout.movements, *flat}) if self.crown > 0 else []
         crown = _joined([crown_triangles(*road, self.crown) for road in crowned])
         humps = _joined([hump.triangles(Relief(crown)) for hump in self.humps])
-        raised = layout.road_map.pavements if self.kerb_m > 0 else ()
-        tops, road = pavement_tops(raised, self.kerb_m), Relief(np.concatenate([crown, humps]))
+        raised, terrain, below = layout.road_map.pavements if self.kerb_m > 0 else (), self.terrain, []
+        tops, kerbs = pavement_tops(raised, self.kerb_m), kerb_faces(raised, self.kerb_m)
+        if terrain is not None:
+            crown, humps, tops = (terrain.laid(each) for each in (crown, humps, tops))
+            kerbs, below = terrain.followed(kerb_faces(raised, self.kerb_m, CELL_M / 4)), [terrain.triangles]
+        road = Relief(np.concatenate([*below, crown, humps]))
         relief = Relief(np.concatenate([road.grid.triangles, tops]))
         parts = [
-            *(_on_ground(part, road, relief) for part in layout.static if part.name != "pavement" or not raised),
+            *(
+                _on_ground(part, road, relief, terrain)
+                for part in layout.static
+                if part.name != "pavement" or not raised
+            ),
             *_surface("road", crown, ASPHALT, _ROAD_REFLECTIVITY),
             *_surface("hump", humps, _PAVING, _ROAD_REFLECTIVITY),
             *_surface("pavement", tops, PAVEMENT, _PAVEMENT_REFLECTIVITY),
-            *_surface("kerb", kerb_faces(raised, self.kerb_m), _KERB, _PAVEMENT_REFLECTIVITY),
+            *_surface("kerb", kerbs, _KERB, _PAVEMENT_REFLECTIVITY),
             *self._water(road),
         ]
         rsus = tuple(relief.raised(unit) for unit in layout.rsus)
@@ -73,20 +86,21 @@ class Groundworks:
 
     def _water(self, road: Relief) -> list[StaticPart]:
         """Build the patches of water on the road."""
-        flat = pavement_tops(self.wet, 0.0)[..., :2]
-        laid = _lifted(drape(np.ascontiguousarray(flat), road.grid), _WATER_M)
+        laid = _lifted(drape(pavement_tops(self.wet, 0.0), road.grid), _WATER_M)
         albedo = wet_albedo(np.array([_ROAD_REFLECTIVITY]))[0]
         light = wet_albedo(exact.settled((np.array(ASPHALT) / 255) ** _GAMMA))
         red, green, blue = np.round(255 * exact.settled(light ** (1 / _GAMMA))).astype(int).tolist()
         return _surface("water", laid, (red, green, blue), float(albedo))
 
 
-def _on_ground(part: StaticPart, road: Relief, relief: Relief) -> StaticPart:
+def _on_ground(part: StaticPart, road: Relief, relief: Relief, terrain: Terrain | None) -> StaticPart:
     """Return a part of flat ground as it is on this one: paint lies on the road, and masts stand where they are."""
     if part.name == "marking":
         return laid_on(part, road.grid, _PAINT_M)
     if part.name in _BESIDE:
-        return replace(part, vertices=part.vertices * [1.0, 1.0, _CLOSER])
+        part = replace(part, vertices=part.vertices * [1.0, 1.0, _CLOSER])
+    if terrain is not None and part.name in (*_BESIDE, *_LAID):
+        return with_triangles(part, terrain.laid(part.vertices[part.faces]))
     if part.name == "mast":
         rise_m = relief.heights(part.vertices[:, :2].mean(axis=0)[None])[0]
         return replace(part, vertices=_lifted(part.vertices, float(rise_m)))

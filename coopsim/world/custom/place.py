@@ -16,9 +16,11 @@ from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.support.files import write_whole
 from coopsim.world.custom.clearance import MiddleLines, require_space_to_park
 from coopsim.world.custom.ground import (
+    AROUND_M,
     PAVEMENT,
     build_ground,
     build_paved,
+    build_terrain,
     paved_parts,
     require_off_lanes,
     turning_loops,
@@ -39,7 +41,6 @@ from coopsim.world.population import Population
 from coopsim.world.snapshot import RoadMap
 
 _CLEARANCE_M = 3.4  # less than between the two lanes of a road: oncoming traffic does not obstruct
-_AROUND_M = 150.0  # of ground on each side of the outermost nodes
 
 
 def place_from(description: PlaceDescription | Mapping[str, Any], name: str) -> Place:
@@ -83,9 +84,12 @@ def build_layout(description: PlaceDescription, root: Entry) -> Layout:
         None if each is None else build_ways(each, root.part(key), roads.network, one_way=key == "rides")
         for key, each in (("walks", description.walks), ("rides", description.rides))
     )
-    blocks = [build_block(each, k, root, middles) for k, each in enumerate(description.buildings)]
-    walls = [build_wall(each, k, root, middles) for k, each in enumerate(description.walls)]
-    trees = [part for k, each in enumerate(description.trees) for part in build_tree(each, k, middles)]
+    low, high = (corner(np.array(list(roads.nodes.values())), axis=0) for corner in (np.min, np.max))
+    ground = rectangle((low[0] - AROUND_M, high[0] + AROUND_M), (low[1] - AROUND_M, high[1] + AROUND_M))
+    terrain = build_terrain(roads, ground[0], ground[2])
+    blocks = [build_block(each, k, root, middles, terrain) for k, each in enumerate(description.buildings)]
+    walls = [build_wall(each, k, root, middles, terrain) for k, each in enumerate(description.walls)]
+    trees = [part for k, each in enumerate(description.trees) for part in build_tree(each, k, middles, terrain)]
     paved = build_paved(description.paved, root)
     rsus = tuple(build_unit(each, k, root, middles) for k, each in enumerate(description.rsus))
     bays = tuple(build_bay(each, k, middles) for k, each in enumerate(description.parked))
@@ -93,8 +97,6 @@ def build_layout(description: PlaceDescription, root: Entry) -> Layout:
     mast_m = RSU_HEIGHT_M if description.mast_m is None else float(description.mast_m)
     outlines = [[outline for one in each for outline in one.outlines] for each in (blocks, walls)]
     road_map = road_map_of(roads, walks, paved, *outlines)
-    low, high = (corner(np.array(list(roads.nodes.values())), axis=0) for corner in (np.min, np.max))
-    ground = rectangle((low[0] - _AROUND_M, high[0] + _AROUND_M), (low[1] - _AROUND_M, high[1] + _AROUND_M))
     given = description.drones_around
     layout = Layout(
         network=roads.network,
@@ -125,7 +127,7 @@ def build_layout(description: PlaceDescription, root: Entry) -> Layout:
         roads_ahead=roads.ahead,
         clearance_m=_CLEARANCE_M,
     )
-    works = build_ground(roads)
+    works = build_ground(roads, terrain)
     if works.kerb_m > 0 and paved[PAVEMENT]:
         require_off_lanes(paved[PAVEMENT], roads, middles)
     layout = works.applied(layout, turning_loops(roads))

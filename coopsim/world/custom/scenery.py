@@ -21,6 +21,8 @@ from coopsim.world.furniture.furnish import line_pieces, size_m
 from coopsim.world.furniture.kinds import KINDS, Kind
 from coopsim.world.places.description import MapBuilding, MapFurniture, MapTree, MapWall
 from coopsim.world.places.scenery import COLORS, PAINTS
+from coopsim.world.relief.kerbs import divided
+from coopsim.world.relief.terrain import CELL_M, Terrain
 from coopsim.world.snapshot import StaticPart
 
 _REFLECTIVITY = 0.4
@@ -48,7 +50,9 @@ class Block(NamedTuple):
     parts: list[StaticPart]
 
 
-def build_block(building: MapBuilding, number: int, root: Entry, middles: MiddleLines) -> Block:
+def build_block(
+    building: MapBuilding, number: int, root: Entry, middles: MiddleLines, terrain: Terrain | None = None
+) -> Block:
     """Build a block with its windows and roof; `number`, its place in the list, decides the colour if none is given."""
     entry, height_m = root.part("buildings", number), float(building.height_m)
     outline = convex(building.outline, entry.part("outline"), "write a building of another shape as several")
@@ -64,29 +68,34 @@ def build_block(building: MapBuilding, number: int, root: Entry, middles: Middle
             message = f"roof must be flat on an outline of {len(outline)} corners, got 'gable'"
             raise entry.part("roof").error(message)
         parts.append(_gable(outline, height_m))
-    return Block([outline], parts)
+    return Block([outline], parts if terrain is None else [terrain.standing(part, outline) for part in parts])
 
 
-def build_wall(wall: MapWall, number: int, root: Entry, middles: MiddleLines) -> Block:
-    """Build a wall of the same height along a line."""
+def build_wall(wall: MapWall, number: int, root: Entry, middles: MiddleLines, terrain: Terrain | None = None) -> Block:
+    """Build a wall of the same height over the ground along a line."""
     line, height_m = np.array(wall.along, dtype=np.float64), float(wall.height_m)
     thick_m = _WALL_M if wall.thickness_m is None else float(wall.thickness_m)
     steps = np.diff(line, axis=0)
     length_m = exact.hypot(steps[:, 0], steps[:, 1])
     if not length_m.all():
         raise root.part("walls", number, "along").error(_SAME_PLACE)
+    if terrain is not None:
+        pieces = divided(np.stack([line[:-1], line[1:]], axis=1), CELL_M / 2)
+        line = np.concatenate([pieces[:, 0], line[-1:]])
+        steps = np.diff(line, axis=0)
+        length_m = exact.hypot(steps[:, 0], steps[:, 1])
     ahead = steps / length_m[:, None] * thick_m / 2
     aside = np.column_stack([-ahead[:, 1], ahead[:, 0]])
     start, end = line[:-1] - ahead, line[1:] + ahead  # the pieces overlap at corners
     outlines = list(np.stack([start - aside, end - aside, end + aside, start + aside], axis=1))
     for outline in outlines:
         middles.require_off_roads(along_outline(outline), "the side of the wall", "walls", number, "along")
-    pieces = [prism(outline, 0.0, height_m) for outline in outlines]
-    vertices = np.concatenate([vertices for vertices, _ in pieces])
-    faces = np.concatenate([faces + 8 * k for k, (_, faces) in enumerate(pieces)])
+    prisms = [prism(outline, 0.0, height_m) for outline in outlines]
+    vertices = np.concatenate([vertices for vertices, _ in prisms])
+    faces = np.concatenate([faces + 8 * k for k, (_, faces) in enumerate(prisms)])
     boxes = np.array([box_around(outline, 0.0, height_m) for outline in outlines])
     part = StaticPart("wall", vertices, faces, _WALL_COLOR, _REFLECTIVITY, closed=True, boxes=boxes)
-    return Block(outlines, [part])
+    return Block(outlines, [part if terrain is None else terrain.along(part)])
 
 
 def _windows(outline: Floats, height_m: float) -> list[StaticPart]:
@@ -179,7 +188,7 @@ def _prism_faces(count: int) -> Ints:
     return faces
 
 
-def build_tree(tree: MapTree, number: int, middles: MiddleLines) -> list[StaticPart]:
+def build_tree(tree: MapTree, number: int, middles: MiddleLines, terrain: Terrain | None = None) -> list[StaticPart]:
     """Build a trunk and a crown."""
     at = np.array(tree.at, dtype=np.float64)
     middles.require_off_roads(at[None], "at", "trees", number, "at")
@@ -188,10 +197,11 @@ def build_tree(tree: MapTree, number: int, middles: MiddleLines) -> list[StaticP
     low_m = height_m * (1 - _CROWN)
     trunk_size = np.array([2 * _TRUNK_M, 2 * _TRUNK_M, low_m + 0.5])
     crown_size = np.array([crown_m, crown_m, height_m * _CROWN])
-    return [
+    parts = [
         _part("trunk", _cylinder(), np.array([*at, trunk_size[2] / 2]), trunk_size, _BARK, 0.3),
         _part("leaves", _ball(), np.array([*at, (height_m + low_m) / 2]), crown_size, _LEAVES, 0.45),
     ]
+    return parts if terrain is None else [terrain.standing(part, at[None]) for part in parts]
 
 
 def _part(

@@ -259,6 +259,8 @@ class PlaceDescription:
         furniture: pieces, seen in full detail; None: drawn where full detail is asked for.
         kerb_m: height of pavements over the road; those of `paved` must be 0.5 m from the middle of every lane.
         crown: fall of the roads to both sides, m per m, from 8 m behind junctions on.
+        heights: x, y and z of places, m: the ground is a smooth surface near them, level far away. At these places its
+            grade is at most 0.12: a steeper ground is smoothed.
         humps: speed humps.
         wet: patches of water.
     """
@@ -283,6 +285,7 @@ class PlaceDescription:
     furniture: tuple[MapFurniture, ...] | None = None
     kerb_m: Annotated[float, Checked(require_between, (0, 0.3))] = 0.0
     crown: Annotated[float, Checked(require_between, (0, 0.05))] = 0.0
+    heights: tuple[tuple[float, ...], ...] = ()
     humps: tuple[MapHump, ...] = ()
     wet: tuple[MapPatch, ...] = ()
 

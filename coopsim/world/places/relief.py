@@ -136,19 +136,23 @@ _LEAST_M2 = 1e-6  # of a piece
 
 def laid_on(part: StaticPart, grid: ReliefGrid, up_m: float) -> StaticPart:
     """Lay a flat part on the ground, `up_m` over it."""
-    laid = drape(np.ascontiguousarray(part.vertices[part.faces][..., :2]), grid)
-    vertices = laid.reshape(-1, 3) + np.array([0.0, 0.0, up_m])
-    faces = np.arange(len(vertices)).reshape(-1, 3)
-    return replace(part, vertices=vertices, faces=faces, closed=False)
+    return with_triangles(part, drape(part.vertices[part.faces] * [1.0, 1.0, 0.0], grid) + np.array([0.0, 0.0, up_m]))
+
+
+def with_triangles(part: StaticPart, triangles: Floats) -> StaticPart:
+    """Return a part with other triangles (T, 3, 3) m."""
+    faces = np.arange(3 * len(triangles)).reshape(-1, 3)
+    return replace(part, vertices=triangles.reshape(-1, 3), faces=faces, closed=False)
 
 
 def drape(flat: Floats, grid: ReliefGrid) -> Floats:
-    """Return flat triangles (N, 3, 2) m and, for each surface below them, the piece that lies on it: (M, 3, 3) m.
+    """Return triangles (N, 3, 3) m and, for each surface below them, the piece that lies on it: (M, 3, 3) m.
 
-    Triangles are counter-clockwise from above. The flat ones stay, at height 0: they are seen where nothing is raised.
+    Triangles are counter-clockwise from above. Pieces lie as far over the surface as the triangles over 0. The
+    triangles come first as they are: they are seen where nothing is raised.
     """
     pieces = np.zeros((64 + 8 * len(flat), 3, 3))
-    pieces[: len(flat), :, :2] = flat
+    pieces[: len(flat)] = flat
     while (count := _laid(flat, grid, pieces)) > len(pieces):
         pieces = np.concatenate([pieces[: len(flat)], np.zeros((count - len(flat), 3, 3))])
     return pieces[:count]
@@ -171,13 +175,15 @@ def _laid(flat: Floats, grid: ReliefGrid, pieces: Floats) -> int:
                         continue
                     seen[below] = n
                     corners = _cut(flat[n], grid.triangles[below], cut, spare)
-                    count = _add_fan(pieces, count, cut, corners, grid.triangles[below])
+                    count = _add_fan(pieces, count, cut, corners, grid.triangles[below], flat[n])
     return count
 
 
 @njit(cache=True, nogil=True)
-def _add_fan(pieces: Floats, count: int, corners: Floats, number: int, surface: Floats) -> int:
-    """Append the triangles of a convex polygon at the heights of a surface (3, 3); return the new number of pieces.
+def _add_fan(pieces: Floats, count: int, corners: Floats, number: int, surface: Floats, own: Floats) -> int:
+    """Append the triangles of a convex polygon at the heights of a surface (3, 3), and of their own triangle over it.
+
+    Return the new number of pieces.
 
     Where there is no room for them they are only counted.
     """
@@ -186,7 +192,7 @@ def _add_fan(pieces: Floats, count: int, corners: Floats, number: int, surface: 
             corner = 0 if row == 0 else k - 2 + row
             x, y = corners[corner, 0], corners[corner, 1]
             pieces[count, row, 0], pieces[count, row, 1] = x, y
-            pieces[count, row, 2] = height_at(surface, x, y)
+            pieces[count, row, 2] = height_at(surface, x, y) + height_at(own, x, y)
         count += 1
     return count
 
@@ -197,7 +203,7 @@ def _cut(flat: Floats, surface: Floats, cut: Floats, spare: Floats) -> int:
 
     The method is Sutherland's and Hodgman's (1974).
     """
-    cut[:3] = flat
+    cut[:3] = flat[:, :2]
     corners = 3
     for k in range(3):
         after, kept = (k + 1) % 3, 0

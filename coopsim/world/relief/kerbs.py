@@ -9,6 +9,7 @@ import numpy as np
 
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
+from coopsim.support.arrays import numbered
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
 
@@ -29,17 +30,27 @@ def pavement_tops(outlines: Sequence[Floats], height_m: float) -> Floats:
     return tops
 
 
-def kerb_faces(outlines: Sequence[Floats], height_m: float) -> Floats:
+def kerb_faces(outlines: Sequence[Floats], height_m: float, longest_m: float = np.inf) -> Floats:
     """Return upright triangles (T, 3, 3) m around pavements, from below the road up, facing outward.
 
-    Outlines (K, 2) m are convex and counter-clockwise. They may overlap: inside of others there is no kerb.
+    Outlines (K, 2) m are convex and counter-clockwise. They may overlap: inside of others there is no kerb. Faces are
+    at most `longest_m` long.
     """
     counts = [len(outline) for outline in outlines]
     corners = np.concatenate([np.zeros((0, 2)), *outlines])
-    ends = _exposed(_sorted(corners, np.cumsum([0, *counts])))
+    ends = divided(_exposed(_sorted(corners, np.cumsum([0, *counts]))), longest_m)
     a, b = (np.column_stack([ends[:, k], np.full(len(ends), -_DEPTH_M)]) for k in range(2))
     rise = np.array([0.0, 0.0, height_m + _DEPTH_M])
     return np.concatenate([np.stack([a, b, b + rise], axis=1), np.stack([a, b + rise, a + rise], axis=1)])
+
+
+def divided(ends: Floats, longest_m: float) -> Floats:
+    """Divide straight pieces, by their ends (N, 2, 2) m, into equal ones of at most a length; return their ends."""
+    along = ends[:, 1] - ends[:, 0]
+    counts = np.maximum(np.ceil(exact.hypot(along[:, 0], along[:, 1]) / longest_m), 1).astype(np.int64)
+    own, place = numbered(counts)
+    share = (place[:, None] + [0, 1]) / counts[own, None]
+    return ends[own, :1] + share[..., None] * along[own, None] if (counts > 1).any() else ends
 
 
 class _Outlines(NamedTuple):

@@ -16,6 +16,7 @@ from coopsim.world.furniture.free_ground import lanes_of, obstacles_of
 from coopsim.world.furniture.furnish import area_of, furnishing_parts
 from coopsim.world.furniture.sides import Sides, fronts, street_sides, way_sides
 from coopsim.world.places.layout import Layout
+from coopsim.world.scenario import MOST_BYSTANDERS
 from coopsim.world.surroundings.cast import Cast, make_cast
 from coopsim.world.surroundings.compositions import AT_KERBS, AT_WALLS, BEHIND_WAYS, Composition
 from coopsim.world.surroundings.draft import ALONG, BACK, Draft
@@ -27,9 +28,6 @@ _BEHIND_STEPS_M, _KERB_STEPS_M, _WALL_STEPS_M = (1.2, 1.7, 2.2, 3.2, 4.2), (0.5,
 """Distances outward that compositions are tried at; at kerbs also behind a strip of parked vehicles."""
 
 _KEPT = 4  # streets: an environment asks for the same one again when only traffic is drawn anew
-
-MOST_BYSTANDERS = 600
-"""In one place; those that come later are left out."""
 
 _DRIVEWAYS_USED = 0.75
 _SMALL_TREE_M = {"height_m": 4.5, "crown_m": 3.0, "stem_m": 1.8}

@@ -15,6 +15,7 @@ from coopsim.world.drawn_places import DRAWN, TOWN, TOWN_KEYS, DrawnPlaces
 from coopsim.world.places.layout import Layout
 from coopsim.world.population import Population
 from coopsim.world.scenario import (
+    MOST_BYSTANDERS,
     NUMBERS,
     EpisodeScenarios,
     Place,
@@ -22,7 +23,7 @@ from coopsim.world.scenario import (
     rooms,
     wanted_numbers,
 )
-from coopsim.world.surroundings.street import MOST_BYSTANDERS, street_for
+from coopsim.world.surroundings.street import street_for
 from coopsim.world.towns.town import FEWEST, FEWEST_STARTS, MOST, MOST_TOGETHER, MOVING, draw_place
 
 

@@ -16,6 +16,7 @@ from coopsim.types.messages import MANEUVERS
 from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.road_network import Road
 from coopsim.world.places.signals import Signal
+from coopsim.world.traffic.asked import stop_line_m
 from coopsim.world.traffic.drivers import ACC_MAX, change_lane, drive, follow, is_reachable, nearest_on_route, stop_at
 from coopsim.world.traffic.fleet import CHAUFFEURED, PARKED, PEDALLED, TOWN, UNYIELDING, Fleet, bodies_of
 from coopsim.world.traffic.lanes import LaneArrays, NumberedNetwork
@@ -23,7 +24,7 @@ from coopsim.world.traffic.lights import Lights
 from coopsim.world.traffic.motion import SPEED_GAIN_1_S, collide, move, steer
 from coopsim.world.traffic.movements import movements_of
 from coopsim.world.traffic.neighbours import Scene, list_along_lanes
-from coopsim.world.traffic.right_of_way import GRANTED, grant, line_ahead
+from coopsim.world.traffic.right_of_way import grant
 from coopsim.world.traffic.routes import end_of_route, follow_road, plan_ahead
 from coopsim.world.traffic.way_ahead import way_ahead
 
@@ -152,10 +153,9 @@ def _drive_in_town(scene: Scene, me: int, movement_of: Ints) -> float:
     follow_road(network, vehicle, route)
     plan_ahead(network, vehicle, route)
     acceleration = drive(scene, me, leader, leader_m)
-    if vehicle.ticket > GRANTED:
-        _, line_m = line_ahead(network, vehicle, route, movement_of)
-        if 0 < line_m < np.inf:
-            acceleration = min(acceleration, stop_at(scene, me, line_m))
+    line_m = stop_line_m(network, vehicle, route, movement_of)
+    if line_m < np.inf:
+        acceleration = min(acceleration, stop_at(scene, me, line_m))
     if vehicle.ends and network.roads[route[vehicle.route_length - 1, 0]].ways == 0:
         acceleration = min(acceleration, stop_at(scene, me, end_of_route(network, vehicle, route)))
     return acceleration

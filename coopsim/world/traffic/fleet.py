@@ -49,6 +49,7 @@ class Vehicle(Protocol):
     ends: bool  # stops where its way ends
     movement: int  # over the junction, that it asks for; -1: none
     ticket: int  # see `coopsim.world.traffic.right_of_way`
+    left: int  # 1 + the curved movement that its tail has not left yet; 0: none
 
 
 class Body(Protocol):

@@ -26,11 +26,12 @@ from coopsim.world.places.layout import CLEARANCE_M, ROADS_AHEAD
 from coopsim.world.places.road_network import CircularLane, Road, RoadNetwork, StraightLane
 from coopsim.world.places.signals import Signal
 from coopsim.world.traffic import rules
+from coopsim.world.traffic.asked import GRANTED
 from coopsim.world.traffic.fleet import CHAUFFEURED, HIGHWAY, PARKED, TOWN, Fleet
 from coopsim.world.traffic.lanes import NumberedNetwork
 from coopsim.world.traffic.lights import Lights
 from coopsim.world.traffic.movements import movements_of
-from coopsim.world.traffic.right_of_way import GRANTED, grant
+from coopsim.world.traffic.right_of_way import grant
 
 
 class SizedVehicle(ControlledVehicle):  # type: ignore[misc]

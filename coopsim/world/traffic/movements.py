@@ -15,6 +15,7 @@ from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.polyline import PolylineLane
 from coopsim.world.places.road_network import Lane, Road, RoadNetwork
 from coopsim.world.traffic.lanes import NumberedNetwork
+from coopsim.world.traffic.swept import clearances_of_long
 
 GENTLE_M = 60.0
 """In bends of a larger radius long vehicles hardly swing out: they count as straight."""
@@ -122,7 +123,9 @@ class Movements(NamedTuple):
 
     Attributes:
         of_road: (R,) number of the movement that a road is, -1: none.
+        road: (K,) the road of each.
         clear_m: (K, K) m, see `clearances`.
+        long_clear_m: (K, K) m, the same where one of the two vehicles is long.
         role: (K,) `FIRST`, `USUAL` or `YIELDS`.
         exit: (K,) node that a movement leads to.
         yields: (K, K) whether the first gives way to the second.
@@ -133,7 +136,9 @@ class Movements(NamedTuple):
     """
 
     of_road: Ints
+    road: Ints
     clear_m: Floats
+    long_clear_m: Floats
     role: Ints
     exit: Ints
     yields: Mask
@@ -179,4 +184,5 @@ def movements_of(
         role = np.where(yields.any(axis=1), YIELDS, np.where(first | yields.any(axis=0), FIRST, USUAL))
     none = np.zeros(len(roads), np.bool_)
     braking_m_s2 = BRAKING_M_S2 if given or lights else np.inf
-    return Movements(of_road, clear_m, role, exits, yields, none, none, braking_m_s2)
+    road, long_clear_m = np.array(numbers, dtype=np.int64), clearances_of_long(network.source, roads, clear_m)
+    return Movements(of_road, road, clear_m, long_clear_m, role, exits, yields, none, none, braking_m_s2)

@@ -11,6 +11,9 @@ at the head of a line turns elsewhere if the exit that it wanted is full.
 
 At a red or yellow light nobody is granted, and nobody who waits there bars others. A vehicle that can still brake loses
 its grant.
+
+Between curved movements, as maps have them, a lane may be too short to stop in. Vehicles then ask for the movement
+behind it together with the one before it. They bar others until their tail has left a curved movement.
 """
 
 from __future__ import annotations
@@ -23,12 +26,13 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
+from coopsim.world.traffic.asked import AT_ONCE, GRANTED, LOST, is_short, line_ahead, movements_of_all
 from coopsim.world.traffic.fleet import CHAUFFEURED, PARKED, UNYIELDING, Vehicle
 from coopsim.world.traffic.lane_geometry import local_coordinates
-from coopsim.world.traffic.lanes import LaneArrays
+from coopsim.world.traffic.lanes import POLYLINE, LaneArrays
 from coopsim.world.traffic.movements import FIRST, YIELDS, Movements
 from coopsim.world.traffic.routes import lane_of_route, plan_ahead, start_of_route
-from coopsim.world.traffic.rules import STANDING_M_S
+from coopsim.world.traffic.rules import LONG_M, STANDING_M_S
 
 REQUEST_M = 32.0
 """Distance to the stop line from which on a vehicle asks."""
@@ -48,40 +52,39 @@ COMMIT_M = 10.0
 """A vehicle that must give way can still stop if it is farther than this from the line."""
 
 _FARTHEST_REQUEST_M = 60.0
-_STOPPING_M_S2, _BEFORE_LINE_M = 4.0, 2.0  # braking for a light, and where the middle of a vehicle would then stand
-
-GRANTED = 0
-"""Ticket of a vehicle that may go. A waiting one has a ticket > 0, in the order of asking; -1: does not ask."""
-
-_LOST = -2  # ticket of a vehicle that must give way, had a grant and asks again: it keeps its place
 
 
 @njit(cache=True, nogil=True)
 def grant(network: LaneArrays, rows: NDArray[Any], routes: Ints, movements: Movements) -> None:
     """Renew `movement` and `ticket` of all vehicles."""
-    clear_m, role = movements.clear_m, movements.role
     line_m, node = np.empty(len(rows)), np.empty(len(rows), np.int64)
     for i in range(len(rows)):
         plan_ahead(network, rows[i], routes[i])
         line_m[i], node[i] = _ask(network, rows[i], routes[i], movements)
-    tail_m = -line_m - rows["length"] / 2
-    held, short = _revoke(network, rows, routes, movements, (line_m, node))
+    asked, tail_m, last = movements_of_all(network, rows, routes, movements)
+    held, short = _revoke(network, rows, routes, movements, (line_m, node), last)
     _number_new_askers(rows)
     waiting = _in_order(rows)
     _serve_nearest_first(rows, waiting, line_m, node)
     before = [i for i in range(len(rows)) if rows[i].ticket == GRANTED]
     for i in waiting:
-        first = role[rows[i].movement] == FIRST
-        if movements.closed[rows[i].movement]:
+        first, clears, closed = True, False, False
+        for movement in asked[i, 1:]:
+            if movement >= 0:
+                first &= movements.role[movement] == FIRST
+                clears |= movements.clears[movement]
+                closed |= movements.closed[movement]
+        if closed:
             continue
-        has_way = first and not movements.clears[rows[i].movement]
         leads = _leads(rows, waiting, line_m, node, i)
         ahead = [k for k in before if not ((first and rows[k].ticket > GRANTED) or (leads and held[k]))]
-        barred = _is_barred(rows, ahead, tail_m, clear_m[rows[i].movement])
+        barred = _is_barred(rows, ahead, asked, tail_m, movements, i)
         before.append(i)
-        if role[rows[i].movement] == YIELDS:
-            barred |= _must_give_way(network, rows, routes, movements, held, i)
-        if not barred and not held[i] and (has_way or _has_space(network, rows, routes, movements, i)):
+        for movement in asked[i, 1:]:
+            if movement >= 0 and movements.role[movement] == YIELDS:
+                barred |= _must_give_way(network, rows, routes, movements, held, i, movement)
+        has_way = first and not clears
+        if not barred and not held[i] and (has_way or _has_space(network, rows, routes, movements, last, i)):
             rows[i].ticket = GRANTED
         elif short[i] and leads and rows[i].speed < STANDING_M_S:
             _turn_elsewhere(network, rows[i], routes[i], movements.of_road)
@@ -99,26 +102,9 @@ def _turn_elsewhere(network: LaneArrays, vehicle: Vehicle, route: Ints, movement
 
 
 @njit(cache=True, nogil=True)
-def line_ahead(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: Ints) -> tuple[int, float]:
-    """Return the place in the route of the first movement (-1: none), and the distance (m) to its start."""
-    distance_m = start_of_route(network, vehicle, route)
-    for k in range(vehicle.route_length):
-        if movement_of[route[k, 0]] >= 0:
-            return k, distance_m
-        distance_m += network.lanes[lane_of_route(network, vehicle, route, k)].length
-    return -1, np.inf
-
-
-@njit(cache=True, nogil=True)
 def request_m(vehicle: Vehicle, movements: Movements) -> float:
     """Return the distance to a stop line from which on a vehicle asks, m."""
     return max(REQUEST_M, min(vehicle.speed**2 / (2 * movements.braking_m_s2), _FARTHEST_REQUEST_M))
-
-
-@njit(cache=True, nogil=True)
-def can_stop(vehicle: Vehicle, line_m: float) -> bool:
-    """Return whether a vehicle can stop for a light that turns yellow, at a distance to its line (m)."""
-    return line_m > _BEFORE_LINE_M + vehicle.speed**2 / (2 * _STOPPING_M_S2)
 
 
 @njit(cache=True, nogil=True)
@@ -131,16 +117,20 @@ def _ask(network: LaneArrays, vehicle: Vehicle, route: Ints, movements: Movement
     if vehicle.driver == PARKED:
         return -np.inf, -1
     k, distance_m = line_ahead(network, vehicle, route, movements.of_road)
+    was = vehicle.movement if vehicle.ticket == GRANTED else -1
+    left = was >= 0 and (k < 0 or movements.of_road[route[k, 0]] != was)
+    if left and network.lanes[network.roads[movements.road[was]].first_lane].kind == POLYLINE:
+        vehicle.left = was + 1
     if k < 0 or distance_m >= request_m(vehicle, movements):
         vehicle.movement, vehicle.ticket = -1, -1
         return -np.inf, -1
     movement = movements.of_road[route[k, 0]]
+    on_short = k == 1 and is_short(network, vehicle, route[0, 0])
     if movement != vehicle.movement:
-        vehicle.movement, vehicle.ticket = movement, -1
-    if movements.role[movement] == YIELDS and distance_m > COMMIT_M and vehicle.ticket == GRANTED:
-        vehicle.ticket = _LOST
-    if movements.closed[movement] and vehicle.ticket == GRANTED and can_stop(vehicle, distance_m):
-        vehicle.ticket = _LOST
+        kept = on_short or (k == 0 and network.lanes[network.roads[route[0, 0]].first_lane].kind == POLYLINE)
+        vehicle.movement, vehicle.ticket = movement, GRANTED if was >= 0 and kept else -1
+    if movements.role[movement] == YIELDS and distance_m > COMMIT_M and vehicle.ticket == GRANTED and not on_short:
+        vehicle.ticket = LOST
     # A vehicle on the junction is a fact, however it got there; others obey no rule.
     if distance_m <= 0 or vehicle.driver in (CHAUFFEURED, UNYIELDING):
         vehicle.ticket = GRANTED
@@ -149,7 +139,7 @@ def _ask(network: LaneArrays, vehicle: Vehicle, route: Ints, movements: Movement
 
 @njit(cache=True, nogil=True)
 def _revoke(
-    network: LaneArrays, rows: NDArray[Any], routes: Ints, movements: Movements, lines: tuple[Floats, Ints]
+    network: LaneArrays, rows: NDArray[Any], routes: Ints, movements: Movements, lines: tuple[Floats, Ints], last: Ints
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Revoke grants that cannot be used; those vehicles keep their place before all waiting ones.
 
@@ -161,13 +151,13 @@ def _revoke(
     for i in range(len(rows)):
         if rows[i].movement < 0 or rows[i].ticket == GRANTED or role[rows[i].movement] == FIRST:
             continue
-        short[i] = not _has_space(network, rows, routes, movements, i)
+        short[i] = not _has_space(network, rows, routes, movements, last, i)
         for other in range(len(rows)):
             if node[other] == node[i] and line_m[other] >= line_m[i]:
                 held[other] |= short[i] or role[rows[other].movement] == FIRST
     may = held & (rows["ticket"] == GRANTED) & (line_m > 0)
     may &= (rows["driver"] != CHAUFFEURED) & (rows["driver"] != UNYIELDING)
-    may |= rows["ticket"] == _LOST
+    may |= rows["ticket"] == LOST
     revoked = [i for i in np.argsort(line_m) if may[i]]
     for i in range(len(rows)):
         if rows[i].ticket > GRANTED:
@@ -222,24 +212,54 @@ def _leads(rows: NDArray[Any], waiting: list[int], line_m: Floats, node: Ints, m
 
 
 @njit(cache=True, nogil=True)
-def _is_barred(rows: NDArray[Any], ahead: list[int], tail_m: Floats, clear_m: Floats) -> bool:
-    """Return whether a vehicle that goes before has not passed the conflict with a movement of clearances (K,)."""
+def _is_barred(
+    rows: NDArray[Any], ahead: list[int], asked: Ints, tail_m: Floats, movements: Movements, me: int
+) -> bool:
+    """Return whether a vehicle that goes before, or has a tail on a movement, has not passed a conflict with mine."""
     barred = False
+    for other in range(len(rows)):
+        if asked[other, 0] >= 0 and other != me:
+            barred |= _is_in_conflict(rows, asked, tail_m, movements, me, other, 0)
     for other in ahead:
-        barred |= tail_m[other] < clear_m[rows[other].movement]
+        for slot in range(1, AT_ONCE):
+            if asked[other, slot] >= 0:
+                barred |= _is_in_conflict(rows, asked, tail_m, movements, me, other, slot)
     return barred
 
 
 @njit(cache=True, nogil=True)
-def _must_give_way(
-    network: LaneArrays, rows: NDArray[Any], routes: Ints, movements: Movements, held: NDArray[np.bool_], me: int
+def _is_in_conflict(
+    rows: NDArray[Any], asked: Ints, tail_m: Floats, movements: Movements, me: int, other: int, slot: int
 ) -> bool:
-    """Return whether a vehicle approaches a conflicting movement with priority, by any way, and is not past it yet."""
-    mine, role = rows[me].movement, movements.role
+    """Return whether another vehicle's movement conflicts with one of mine, and its tail is not past that place."""
+    found, long = False, rows[me].length > LONG_M or rows[other].length > LONG_M
+    clear_m = movements.long_clear_m if long else movements.clear_m
+    for mine in asked[me, 1:]:
+        found |= mine >= 0 and tail_m[other, slot] < clear_m[mine, asked[other, slot]]
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _must_give_way(
+    network: LaneArrays,
+    rows: NDArray[Any],
+    routes: Ints,
+    movements: Movements,
+    held: NDArray[np.bool_],
+    me: int,
+    mine: int,
+) -> bool:
+    """Return whether a vehicle approaches a movement to which mine gives way, by any way, and is not past it yet."""
+    role = movements.role
     yields, clear_m = movements.yields[mine], movements.clear_m[mine]
     for other in range(len(rows)):
         vehicle, route = rows[other], routes[other]
-        if vehicle.driver == PARKED or held[other] or (vehicle.ticket > GRANTED and role[vehicle.movement] != FIRST):
+        if (
+            other == me
+            or vehicle.driver == PARKED
+            or held[other]
+            or (vehicle.ticket > GRANTED and role[vehicle.movement] != FIRST)
+        ):
             continue
         distance_m = start_of_route(network, vehicle, route)
         for k in range(vehicle.route_length):
@@ -252,9 +272,11 @@ def _must_give_way(
 
 
 @njit(cache=True, nogil=True)
-def _has_space(network: LaneArrays, rows: NDArray[Any], routes: Ints, movements: Movements, me: int) -> bool:
+def _has_space(
+    network: LaneArrays, rows: NDArray[Any], routes: Ints, movements: Movements, last: Ints, me: int
+) -> bool:
     """Return whether the exit that a vehicle wants has space for it, and for those on their way there."""
-    k, _ = line_ahead(network, rows[me], routes[me], movements.of_road)
+    k = last[me]
     if k + 1 >= rows[me].route_length:
         return True
     lane = network.lanes[lane_of_route(network, rows[me], routes[me], k + 1)]
@@ -270,7 +292,8 @@ def _has_space(network: LaneArrays, rows: NDArray[Any], routes: Ints, movements:
         return True
     need_m = EXIT_SPACE_M + rows[me].length / 2
     for other in range(len(rows)):
-        comes = other != me and rows[other].ticket == GRANTED and movements.exit[rows[other].movement] == node
+        comes = other != me and rows[other].ticket == GRANTED
+        comes = comes and movements.exit[movements.of_road[routes[other, last[other], 0]]] == node
         if comes or (rows[other].speed > SLOW_M_S and along_m[other] < free_m):
             need_m += rows[other].length + QUEUE_GAP_M
     return bool(free_m >= need_m)

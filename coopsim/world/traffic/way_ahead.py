@@ -13,11 +13,11 @@ from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.types.driving import GIVES_WAY, HAS_PRIORITY, NOBODY_FIRST, Route
 from coopsim.world.places.polyline import LATERAL_M_S2
+from coopsim.world.traffic.asked import can_stop
 from coopsim.world.traffic.fleet import Vehicle
 from coopsim.world.traffic.lane_geometry import heading_at, local_coordinates, position_at, radius_at
 from coopsim.world.traffic.lanes import LaneArrays
 from coopsim.world.traffic.movements import FIRST, YIELDS, Movements
-from coopsim.world.traffic.right_of_way import can_stop
 from coopsim.world.traffic.routes import lane_of_route, plan_ahead, start_of_route
 
 SPACING_M, REACH_M = 1.0, 100.0

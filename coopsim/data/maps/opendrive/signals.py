@@ -102,17 +102,20 @@ def _signal(element: Element, name: str, road: Road) -> StreetSignal:
 
 
 def _held(element: Element, road: Road) -> list[Key]:
-    """Return the driven lanes for which a signal, or a reference to one, holds."""
+    """Return the driven lanes for which a signal, or a reference to one, holds.
+
+    Lanes that it names count where its orientation is against all of them, as in CARLA's maps.
+    """
     s, orientation = element.number("s"), element.get("orientation", "none")
     sections = [each for each in road.lanes.sections if each.pieces]
     if not sections:
         return []
     section: Section = ([each for each in sections if each.start <= s] or sections[:1])[-1]
     ranges = [(each.lane_number("fromLane"), each.lane_number("toLane")) for each in element.all("validity")]
-    return [
-        piece.key
+    named = [
+        piece
         for number, piece in section.pieces.items()
-        if piece.is_driven
-        and (orientation not in ("+", "-") or piece.along == (orientation == "+"))
-        and (not ranges or any(min(pair) <= number <= max(pair) for pair in ranges))
+        if piece.is_driven and (not ranges or any(min(pair) <= number <= max(pair) for pair in ranges))
     ]
+    ahead = [piece for piece in named if orientation not in ("+", "-") or piece.along == (orientation == "+")]
+    return [piece.key for piece in (ahead if ahead or not ranges else named)]

@@ -13,8 +13,8 @@ from coopsim.types.driving import GIVES_WAY
 from coopsim.world.custom.place import place_from
 from coopsim.world.places.signals import Signal
 from coopsim.world.scenario import make_scenario
+from coopsim.world.traffic.asked import GRANTED
 from coopsim.world.traffic.movements import FIRST, YIELDS
-from coopsim.world.traffic.right_of_way import GRANTED
 from coopsim.world.traffic.traffic import Traffic
 from coopsim.world.world import World
 

@@ -10,9 +10,9 @@ from worlds import make_world
 
 from coopsim.world.places.road_network import Lane, Road
 from coopsim.world.scenario import make_scenario
+from coopsim.world.traffic.asked import GRANTED
 from coopsim.world.traffic.fleet import PARKED
 from coopsim.world.traffic.lanes import NumberedNetwork
-from coopsim.world.traffic.right_of_way import GRANTED
 from coopsim.world.traffic.routes import lane_of_route, plan_ahead, start_of_route
 
 

@@ -1,0 +1,120 @@
+"""From a map that is cut out to the description of a place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from coopsim.config.annotated import Point
+from coopsim.data.maps.place.lines import heading_of
+from coopsim.data.maps.place.rights import add_yields, signals_of
+from coopsim.data.maps.place.strips import Strip, Strips, strips_of
+from coopsim.data.maps.street_map import StreetMap
+from coopsim.geometry import exact
+from coopsim.geometry.se3 import Floats, wrap_angle
+from coopsim.world.places.description import MapLane, PlaceDescription, point_of
+
+_WIDTHS_M, _SPEEDS_M_S = (2.5, 8.0), (1.0, 40.0)
+_ALIKE_M = 0.02
+_DECIMALS = 3
+_LOOP_M = (3.2, 15.5)  # from a lane to one on its left, into which vehicles can turn round
+_OPPOSITE_RAD = np.radians(160.0)
+_ROOM_M = 300.0  # of lanes without end, on which connected cars can stay
+
+
+def describe_place(streets: StreetMap, seed: int) -> PlaceDescription:
+    """Describe the place of a map that is cut out: its roads, right of way and lights.
+
+    Args:
+        streets: the part of a map, see `coopsim.data.maps.place.cut.cut_out`.
+        seed: decides the lights that the file has no program for.
+    """
+    strips = strips_of(streets)
+    ways = [each for each in strips.all.values() if each.way is not None]
+    add_yields(streets, ways)
+    nodes = _nodes(strips)
+    order = sorted(strips.all.values(), key=lambda each: float(exact.norm(each.line[:, :2].mean(axis=0))))
+    roads = [_lane(each, strips) for each in order]
+    return PlaceDescription(
+        nodes=nodes,
+        roads=(*roads, *_loops(strips)),
+        signals=signals_of(streets, ways, seed),
+        cut=True,
+        drones_around=(0.0, 0.0),
+    )
+
+
+def _nodes(strips: Strips) -> Mapping[str, Point]:
+    found: dict[str, Point] = {}
+    for each in strips.all.values():
+        for name, place in ((each.start, each.line[0]), (each.end, each.line[-1])):
+            found.setdefault(name, point_of(_settled(place[:2])))
+    return found
+
+
+def _settled(values: Floats) -> Floats:
+    return np.round(values, _DECIMALS) + 0.0
+
+
+def _lane(strip: Strip, strips: Strips) -> MapLane:
+    line, width_m = strip.line, np.clip(strip.width_m, *_WIDTHS_M)
+    same = float(np.ptp(width_m)) < _ALIKE_M
+    nodes = {name: (each.start, each.end) for name, each in strips.all.items()}
+    left, right = (
+        nodes[side] if side in nodes and getattr(strips.all[side], back) == strip.name and side != strip.name else ()
+        for side, back in ((strip.left or "", "right"), (strip.right or "", "left"))
+    )
+    speed_m_s = None if strip.speed_m_s is None else float(np.clip(strip.speed_m_s, *_SPEEDS_M_S))
+    return MapLane(
+        strip.start,
+        strip.end,
+        tuple(point_of(place) for place in _settled(line[1:-1, :2])),
+        curved=True,
+        width_m=round(float(width_m.mean()), _DECIMALS) if same else None,
+        widths_m=() if same else tuple(_settled(width_m).tolist()),
+        speed_m_s=speed_m_s,
+        yields=None if strip.yields is None else tuple(nodes[name] for name in strip.yields if name in nodes),
+        left=left,
+        right=right,
+    )
+
+
+def _loops(strips: Strips) -> list[MapLane]:
+    """Return loops at lanes that end, where connected cars could otherwise not stay."""
+    ending, starting = strips.by_node()
+    if _endless_m(strips) >= _ROOM_M:
+        return []
+    exits = [each for node, found in ending.items() if node not in starting for each in found if each.way is None]
+    entries = [each for node, found in starting.items() if node not in ending for each in found if each.way is None]
+    loops = []
+    for leaving in exits:
+        heading = heading_of(leaving.line[-2:])
+        left = np.array([-exact.sin(heading), exact.cos(heading)])
+        for coming in entries:
+            across = (coming.line[0] - leaving.line[-1])[:2]
+            aside_m = float(exact.dot(across, left))
+            opposite = abs(float(wrap_angle(heading_of(coming.line[:2]) - heading))) > _OPPOSITE_RAD
+            if opposite and _LOOP_M[0] < aside_m < _LOOP_M[1] and float(exact.norm(across)) < 1.02 * aside_m:
+                loops.append(MapLane(leaving.end, coming.start, turn="around"))
+                entries.remove(coming)
+                break
+    return loops
+
+
+def _endless_m(strips: Strips) -> float:
+    """Return the length of the strips from which one can drive on without end, m."""
+    kept = dict(strips.all)
+    while True:
+        starts = {each.start for each in kept.values()}
+        ended = [name for name, each in kept.items() if each.end not in starts]
+        if not ended:
+            return sum(each.length_m for each in kept.values())
+        for name in ended:
+            del kept[name]
+
+
+def with_parts(description: PlaceDescription, parts: Mapping[str, object]) -> PlaceDescription:
+    """Return a description with further fields."""
+    return replace(description, **parts)

@@ -1,0 +1,258 @@
+"""Scenarios in places of a map: its options, the choice of a place, and who is there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from coopsim.data.maps.place.candidates import Places, places_of
+from coopsim.data.maps.place.cut import cut_out, distances_m
+from coopsim.data.maps.place.describe import describe_place
+from coopsim.data.maps.reading import read_map
+from coopsim.data.maps.street_map import DRIVEN, StreetMap
+from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
+from coopsim.support.checks import require_between, require_flag
+from coopsim.world.drawn_options import PlaceSeeds
+from coopsim.world.drawn_places import PLACE_FILES, DrawnPlaces
+from coopsim.world.places.layout import Layout
+from coopsim.world.places.place import BUILDERS
+from coopsim.world.population import Population
+from coopsim.world.scenario import (
+    MOST_BYSTANDERS,
+    NUMBERS,
+    EpisodeScenarios,
+    Place,
+    Scenario,
+    make_scenario,
+    rooms,
+    wanted_numbers,
+)
+
+RADII_M = (60.0, 600.0)
+"""Accepted radii of places."""
+
+_KEPT_MAPS, _KEPT_PLACES = 2, 4
+_USUAL = Population(vehicles=30, pedestrians=15, connected_cars=3, rsus=0, parked=40, bicycles=4)
+_FREE_SHARE = 0.6  # of starts: no more are taken
+
+
+@dataclass(frozen=True, slots=True)
+class MapOptions:
+    """Options of places of a map.
+
+    Attributes:
+        around: middle of the place (x, y) in the map's plane, m, also as a text "X,Y"; None: places are the map's
+            junctions, those far apart first.
+        radius_m: radius of the place, 60 to 600 m. Junctions lie at least 20 m within it.
+        seed_places: another place, or other surroundings `around` the same one, for every place seed; False: all
+            episodes are in the same place.
+    """
+
+    around: tuple[float, float] | str | None = None
+    radius_m: float = 250.0
+    seed_places: bool = True
+
+    def __post_init__(self) -> None:
+        require_between(*RADII_M, radius_m=self.radius_m)
+        require_flag(seed_places=self.seed_places)
+        object.__setattr__(self, "radius_m", float(self.radius_m))
+        if self.around is not None:
+            object.__setattr__(self, "around", _point(self.around))
+
+
+def _point(given: Any) -> tuple[float, float]:
+    """Return a point from two numbers, or from a text of them."""
+    try:
+        x, y = map(float, given.split(",") if isinstance(given, str) else given)
+        if not np.isfinite([x, y]).all():
+            raise ValueError
+    except (TypeError, ValueError):
+        raise InvalidValueError(f"around must be two numbers, x and y in m, or a text 'X,Y', got {given!r}") from None
+    return x, y
+
+
+@dataclass(frozen=True, slots=True)
+class _Needs:
+    """What a place must have for the agents: starts, and places for roadside units."""
+
+    starts: int
+    rsus: int
+
+    def lacking(self, place: Place) -> str | None:
+        """Say what a place lacks; None: nothing."""
+        layout = place.make_layout()
+        if len(layout.slots) < self.starts:
+            return f"places with less than {self.starts} starts for vehicles"
+        if len(layout.rsus) < self.rsus:
+            return f"places with less than {self.rsus} places for roadside units"
+        return None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _File:
+    """A map file that is read, and what was found in it."""
+
+    path: str
+    streets: StreetMap
+    places: dict[float, Places] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """Its name without the ends."""
+        return Path(self.path).name.split(".")[0]
+
+    def places_in(self, radius_m: float) -> Places:
+        """Return the places with a radius."""
+        if radius_m not in self.places:
+            self.places[radius_m] = places_of(self.streets, radius_m)
+        return self.places[radius_m]
+
+
+def open_file(path: str) -> _File:
+    """Read a map, or return it as it was read before; a file that changes is read anew.
+
+    Raises:
+        MapFileError: see `coopsim.data.maps.reading.read_map`.
+    """
+    file = Path(path)
+    state = file.stat() if file.is_file() else None
+    return _read(path, None if state is None else (state.st_mtime_ns, state.st_size))
+
+
+@lru_cache(_KEPT_MAPS)
+def _read(path: str, state: Any) -> _File:
+    return _File(path, read_map(path))
+
+
+@lru_cache(_KEPT_PLACES)
+def draw_place(file: _File, options: MapOptions, place_seed: int, needs: _Needs) -> Place:
+    """Draw a place of a map: that `around` a point, else the one whose turn it is, or the next one that can be driven.
+
+    Raises:
+        InvalidValueError: nothing can be driven there; says why.
+    """
+    if options.around is not None:
+        assert not isinstance(options.around, str), "it was read"
+        _require_near(file, options.around)
+        return _built(file, options, options.around, place_seed, needs)
+    found = file.places_in(options.radius_m)
+    reasons = dict(found.left_out)
+    for k in range(len(found.centres)):
+        x, y = found.centres[(place_seed + k) % len(found.centres)].tolist()
+        try:
+            return _built(file, options, (x, y), place_seed, needs)
+        except CoopsimError as error:
+            reason = str(error)
+            reasons[reason] = reasons.get(reason, 0) + 1
+    said = "; ".join(f"{count} {reason}" for reason, count in reasons.items()) or "no lane is 60 m long"
+    raise InvalidValueError(
+        f"{file.path} has no place with radius_m={options.radius_m:g} that can be driven: {said}. Accepted: another "
+        "radius_m, or around=(x, y)"
+    )
+
+
+def _require_near(file: _File, around: tuple[float, float]) -> None:
+    lines = [lane.line for lane in file.streets.lanes.values() if lane.kind in DRIVEN]
+    if not lines or float(distances_m(lines, np.array(around)).min()) > RADII_M[0]:
+        points = np.concatenate(lines or [np.zeros((1, 3))])[:, :2]
+        (x0, y0), (x1, y1) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+        raise InvalidValueError(
+            f"around must be at most {RADII_M[0]:g} m from a lane of {file.path}, got {around}: its lanes reach from "
+            f"({x0:.0f}, {y0:.0f}) to ({x1:.0f}, {y1:.0f})"
+        )
+
+
+def _built(file: _File, options: MapOptions, around: tuple[float, float], seed: int, needs: _Needs) -> Place:
+    """Build the place around a point.
+
+    Raises:
+        InvalidValueError: it cannot be driven, or lacks room for the agents.
+    """
+    cut = cut_out(file.streets, around, options.radius_m)
+    if not any(lane.kind in DRIVEN for lane in cut.lanes.values()):
+        raise InvalidValueError(f"no lane within radius_m={options.radius_m:g} of {around} leads to a junction there")
+    place = BUILDERS.get("described")(describe_place(cut, seed), f"{file.name}-{seed}")
+    lacking = needs.lacking(place)
+    if lacking is not None:
+        raise InvalidValueError(lacking)
+    return place
+
+
+class MapScenarios(EpisodeScenarios):
+    """Scenarios in places of a map, with the same agents in all of them.
+
+    Arguments and errors are those of `DrawnPlaces.scenarios`.
+    """
+
+    def __init__(
+        self,
+        file: _File,
+        seeds: PlaceSeeds,
+        options: MapOptions,
+        density: float,
+        detail: str | None,
+        numbers: Mapping[str, Any],
+    ) -> None:
+        for name in numbers:
+            if name not in NUMBERS:
+                raise UnknownNameError("option of maps", name, (*NUMBERS, "detail"))
+        self.name = file.name
+        self._file, self._options, self._density, self._detail = file, options, density, detail or "full"
+        self._seeds = seeds if options.seed_places or seeds.place_seed is not None else PlaceSeeds(0)
+        self._asked = {"rsus": _USUAL.rsus, "drones": 0, **numbers}
+        if numbers.get("penetration") is None:
+            self._asked.setdefault("connected_cars", _USUAL.connected_cars)
+        elif "vehicles" not in numbers:
+            raise InvalidValueError("penetration needs vehicles in places of a map: the agents must be the same in all")
+        most = self._wanted(_USUAL)
+        self._needs = _Needs(3 * most.connected, most.rsus)
+        self.most_actors = sum(most.on_roads.values()) + sum(most.people.values()) + most.parked
+        self.most_actors += MOST_BYSTANDERS if self._detail == "street" else 0
+        self.of(0)
+
+    def of(self, seed: int) -> Scenario:
+        """Return the scenario of the place that belongs to the episode with this seed."""
+        place_seed = self._seeds.of(seed)
+        place = draw_place(self._file, self._options, place_seed, self._needs)
+        layout = place.make_layout()
+        vehicles = max(self._needs.starts, min(_USUAL.vehicles, int(_FREE_SHARE * len(layout.slots))))
+        population = self._fitting(self._wanted(replace(_USUAL, vehicles=vehicles)), layout)
+        made = make_scenario(place, detail=self._detail, **population.numbers)
+        return replace(made, name=self.name, place_seed=place_seed)
+
+    def _wanted(self, usual: Population) -> Population:
+        return Population(**wanted_numbers(self.name, usual, self._density, self._asked))
+
+    def _fitting(self, population: Population, layout: Layout) -> Population:
+        """Reduce numbers that are too large for a place: those not asked for quietly, and first."""
+        for room, names in rooms(layout):
+            unasked = [name for name in reversed(names) if name not in self._asked]
+            asked = sum(getattr(population, name) for name in names if name in self._asked)
+            population = population.within(max(0, room - asked), *unasked, quietly=True)
+        return population
+
+
+class MapPlaces(DrawnPlaces):
+    """Places of the map in a file."""
+
+    kinds = (PlaceSeeds, MapOptions)
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+
+    def place(self, place_seed: int, options: Any) -> Place:
+        return draw_place(open_file(self._path), options, place_seed, _Needs(0, 0))
+
+    def scenarios(
+        self, seeds: PlaceSeeds, options: Any, density: float, detail: str | None, numbers: Mapping[str, Any]
+    ) -> MapScenarios:
+        return MapScenarios(open_file(self._path), seeds, options, density, detail, numbers)
+
+
+for _end in (".xodr", ".net.xml"):
+    PLACE_FILES.register(_end)(MapPlaces)
