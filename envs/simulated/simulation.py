@@ -26,6 +26,7 @@ from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.scene import RayScene, SceneGeometry
 from coopsim.sensors.visibility import PixelVisibility, Visibility, measure_pixels
 from coopsim.support.arrays import look_up
+from coopsim.support.checks import require_choice
 from coopsim.types import AgentSpec, CameraImage, Ints, Sweep, Tracks, seconds_to_ns
 from coopsim.types.driving import ACCELERATION, MANEUVER, Command
 from coopsim.world.recording.episode_file import Episode
@@ -95,13 +96,14 @@ class Simulation(FrameSource):
     @property
     def staged(self) -> bool:
         """True if the scenario has a script; see `FrameSource.staged`."""
-        return self._scenario.over_s is not None
+        return self._scenario.script is not None
 
     @property
     def episode_infos(self) -> dict[str, Any]:
-        """The seed of the place, where it was drawn."""
-        place_seed = self._scenario.place_seed
-        return {} if place_seed is None else {"place_seed": place_seed}
+        """The seed of the place, where it was drawn, and what is played."""
+        place_seed, played = self._scenario.place_seed, self._scenario.played
+        drawn = {} if place_seed is None else {"place_seed": place_seed}
+        return drawn if played is None else drawn | dict(played.facts)
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -116,6 +118,9 @@ class Simulation(FrameSource):
         if self._recording is not None:
             return PlayedWorld(self._recording, self._scenario)
         control, traffic, driven = self._options.control, self._options.traffic, self._options.driven_agents
+        if self._scenario.played is not None:
+            require_choice("control of the cars in a log", control, ["traffic"])
+            return self._scenario.played.world(self._scenario, seed)
         return World(self._scenario, seed, control=control, traffic=traffic, driven=driven)
 
     def _driven_among(self, bodies: Mapping[str, AgentBody]) -> tuple[str, ...]:

@@ -67,8 +67,14 @@ class _Array:
             data = data.encode("latin1")
         if not (isinstance(shape, tuple) and all(type(n) is int and 0 <= n for n in shape) and len(shape) <= 8):
             raise pickle.UnpicklingError("an array's shape is broken")
-        flat = np.frombuffer(data, kind.dtype())
-        self.array = flat.reshape(shape, order="F" if columns_first else "C")
+        self.array = np.frombuffer(data, kind.dtype()).reshape(shape, order="F" if columns_first else "C")
+
+
+def _from_buffer(data: Any, kind: Any, shape: Any, order: Any) -> _Array:
+    """Make an array as the fifth protocol has it."""
+    found = _Array()
+    found.__setstate__((1, shape, kind, order == "F", data))
+    return found
 
 
 def _scalar(kind: Any, data: Any) -> Any:
@@ -87,7 +93,7 @@ class _Unpickler(pickle.Unpickler):
         if module == "numpy" and name in ("ndarray", "dtype"):
             return _Array if name == "ndarray" else _Type
         if module.startswith(_NUMPY) and name in ("_reconstruct", "scalar", "_frombuffer"):
-            return {"_reconstruct": _Array, "scalar": _scalar}.get(name)
+            return {"_reconstruct": _Array, "scalar": _scalar, "_frombuffer": _from_buffer}[name]
         if (module, name) == ("_codecs", "encode"):
             return _latin1
         if name.endswith("Type"):

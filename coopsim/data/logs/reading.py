@@ -24,7 +24,7 @@ TABLES: dict[str, tuple[tuple[str, ...], Callable[[Table], Columns]]] = {
 }
 """Formats of single tables: columns that tell one, and its reader."""
 
-ENDS = (".csv", ".csv.gz", ".parquet", ".xml", ".xml.gz", ".pkl")
+ENDS = (".csv", ".csv.gz", ".parquet", ".fcd.xml", ".fcd.xml.gz", ".pkl")
 
 _ACCEPTED = (
     "accepted: tables (.csv, .csv.gz, .parquet) with the columns time_s, id, x_m, y_m, or of INTERACTION or Argoverse 2; "
@@ -54,7 +54,7 @@ def read_log(path: str | Path, part: str | None = None) -> TrackLog:
         return make_log(str(file), "levelx", level_x_columns(file))
     if file.suffix == ".pkl":
         return make_log(str(file), "scenarionet", scenario_columns(file))
-    if file.name.endswith((".xml", ".xml.gz")):
+    if file.name.endswith((".fcd.xml", ".fcd.xml.gz")):
         return make_log(str(file), "sumo", floating_columns(file))
     if not file.name.endswith(ENDS):
         raise LogFileError(f"{file} is no log by its name; {_ACCEPTED}")

@@ -71,6 +71,7 @@ def scenario_columns(path: Path) -> Columns:
         heading=table[:, 7],
         velocity=table[:, 8:10],
         size=size,
+        step_s=float(np.round(np.median(np.diff(times)), 6)) if len(times) > 1 else None,
         owner=None if owner is None else str(owner),
     )
 

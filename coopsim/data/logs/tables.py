@@ -61,7 +61,12 @@ class Table:
             row = int(np.flatnonzero(column.is_null().to_numpy(zero_copy_only=False))[0])
             raise self._error(name, row, "must not be empty")
         values = column.to_numpy(zero_copy_only=False)
-        return values.astype(np.int64) if values.dtype.kind in "iub" else values.astype(str)
+        if values.dtype.kind in "iub":
+            return values.astype(np.int64)
+        texts = values.astype(str)
+        if (texts == "").any():
+            raise self._error(name, int(np.argmax(texts == "")), "must not be empty")
+        return texts
 
     def classes(self, name: str, own: Mapping[str, str] | None = None) -> Ints:
         """Return the labels (N,) of a column of types' names; -1 of what is no road user.

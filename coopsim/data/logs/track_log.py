@@ -6,7 +6,7 @@ format or a simulation.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -114,11 +114,17 @@ class TrackLog:
         kept[:-1] |= same & (self.time_s[:-1] < start_s) & (self.time_s[1:] > end_s)
         kept[1:] |= same & (self.time_s[:-1] < start_s) & (self.time_s[1:] > end_s)
         rows = np.flatnonzero(kept)
+        return self._part(rows)
+
+    def of(self, tracks: Ints) -> TrackLog:
+        """Return the part with these tracks (K,), rising."""
+        return self._part(np.flatnonzero(np.isin(self.track, tracks)))
+
+    def _part(self, rows: Ints) -> TrackLog:
         tracks, counts = np.unique(self.track[rows], return_counts=True)
         owner = np.flatnonzero(tracks == self.owner)
-        return TrackLog(
-            source=self.source,
-            format=self.format,
+        return replace(
+            self,
             ids=tuple(self.ids[k] for k in tracks),
             label=self.label[tracks],
             size=self.size[tracks],
@@ -127,10 +133,7 @@ class TrackLog:
             place=self.place[rows],
             heading=self.heading[rows],
             velocity=self.velocity[rows],
-            step_s=self.step_s,
             owner=int(owner[0]) if len(owner) else None,
-            filled=self.filled,
-            left_out=self.left_out,
         )
 
     def at(self, time_s: float) -> Moment:
