@@ -65,7 +65,7 @@ class _Array:
         _, shape, kind, columns_first, data = state
         if isinstance(data, str):  # as the second protocol has bytes
             data = data.encode("latin1")
-        if not (isinstance(shape, tuple) and all(type(n) is int and 0 <= n for n in shape) and len(shape) <= 8):
+        if not (isinstance(shape, tuple) and all(type(n) is int and n >= 0 for n in shape) and len(shape) <= 8):
             raise pickle.UnpicklingError("an array's shape is broken")
         self.array = np.frombuffer(data, kind.dtype()).reshape(shape, order="F" if columns_first else "C")
 

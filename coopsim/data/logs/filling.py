@@ -75,7 +75,7 @@ class Columns:
     owner: str | None = None
 
 
-def make_log(source: str, format: str, columns: Columns) -> TrackLog:
+def make_log(source: str, form: str, columns: Columns) -> TrackLog:
     """Return the log of a file's columns.
 
     Raises:
@@ -108,7 +108,7 @@ def make_log(source: str, format: str, columns: Columns) -> TrackLog:
     z_m = np.zeros(len(row)) if columns.z_m is None else columns.z_m[row]
     return TrackLog(
         source=source,
-        format=format,
+        format=form,
         ids=ids,
         label=label,
         size=size,

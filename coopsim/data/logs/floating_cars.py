@@ -16,7 +16,6 @@ from __future__ import annotations
 from array import array
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -67,7 +66,12 @@ def floating_columns(path: Path) -> Columns:
             name = f" id={attributes.get('id', '')!r} at {time_s:g} s" if tag in _USERS else ""
             raise LogFileError(f"{path}: <{tag}{name}>: {wrong}") from None
     user, kind = np.frombuffer(texts, np.int64).reshape(-1, 2).T
-    return _columns(("vehicle", 1), np.array([*ids], str)[user], np.array([*types], str)[kind], np.frombuffer(numbers).reshape(-1, 5))
+    return _columns(
+        ("vehicle", 1),
+        np.array([*ids], str)[user],
+        np.array([*types], str)[kind],
+        np.frombuffer(numbers).reshape(-1, 5),
+    )
 
 
 def floating_table_columns(table: Table) -> Columns:

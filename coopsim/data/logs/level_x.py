@@ -7,7 +7,8 @@ A recording is `NN_tracks.csv` beside `NN_tracksMeta.csv` and `NN_recordingMeta.
 | `frame`, `frameRate` | time = frame / rate |
 | `xCenter`, `yCenter`, `heading` | m, and degrees counter-clockwise from x |
 | `width`, `length` | of people both are 0: their class's size is taken |
-| highD: `x`, `y`, `width`, `height` | corner of the box with the least x and y, its length along x and width; y is down, and becomes -y |
+| highD: `x`, `y` | corner of the box with the least x and y; y is down, and becomes -y |
+| highD: `width`, `height` | the box's length along x, and its width |
 | highD: `drivingDirection` | 1 is towards -x, 2 towards x: the heading, for highD has none |
 """
 

@@ -29,7 +29,7 @@ _EITHER = "pedestrian/bicycle"
 _FASTER_M_S = 2.5
 _STEP_S = 0.1
 
-_STILL = {name: "other" for name in ("static", "background", "construction", "riderless_bicycle")}
+_STILL = dict.fromkeys(("static", "background", "construction", "riderless_bicycle"), "other")
 _FORECAST_CLASSES = {"vehicle": "car", **_STILL}
 
 

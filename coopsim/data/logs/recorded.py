@@ -1,6 +1,6 @@
 """Labels of folders with recordings as logs: nuScenes, KITTI tracking, Argoverse 2, V2V4Real, OPV2V, V2X-Seq.
 
-All formats of `coopsim.recordings.formats` are read, as `coopsim replay` reads them; sweeps and pictures are not opened.
+All formats of `coopsim.recordings.formats` are read, as `coopsim replay` does; sweeps and pictures are not opened.
 The cars that recorded are road users, too: by their own labels where they have some, else as a car at their pose.
 """
 

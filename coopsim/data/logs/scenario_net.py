@@ -4,8 +4,8 @@
 |---|---|
 | `tracks.<id>.state.position`, `heading`, `velocity`, `valid`, `length`, `width`, `height` | arrays over time |
 | `tracks.<id>.type` | `VEHICLE` is a car, or by its length a truck; `TRAFFIC_CONE` and such are left out |
-| `metadata.ts`, `metadata.sdc_id` | times, s, and the car that recorded |
-| older MetaDrive: `state` | columns x, y, z, length, width, height, heading, vx, vy, valid; `ts` and `sdc_index` above |
+| `metadata.ts`, `metadata.sdc_id` | times, s, and the car that recorded; older: `ts` and `sdc_index` |
+| older MetaDrive: `state` | columns x, y, z, length, width, height, heading, vx, vy, valid |
 
 `position` is the middle of the box, so the ground is half a height below. Rows that are not valid are left out.
 """
@@ -20,7 +20,7 @@ import numpy as np
 
 from coopsim.data.logs.arrays_only import Word, read_arrays
 from coopsim.data.logs.filling import Columns
-from coopsim.data.logs.tables import label_of
+from coopsim.data.logs.tables import TYPES, label_of
 from coopsim.errors import LogFileError
 from coopsim.geometry.se3 import Floats
 from coopsim.types.taxonomy import ObjectClass
@@ -51,7 +51,10 @@ def scenario_columns(path: Path) -> Columns:
         if not isinstance(track, dict):
             raise LogFileError(f"{where} must be a dictionary with type and state")
         rows = _rows(track.get("state"), where, len(times))
-        label = label_of(_type(track.get("type")), _CLASSES, lambda wrong, where=where: LogFileError(f"{where} {wrong}"))
+        kind = _type(track.get("type"))
+        label = label_of(kind, _CLASSES)
+        if label is None:
+            raise LogFileError(f"{where} must be {TYPES}, got {kind!r}")
         if label == ObjectClass.CAR and rows[:, 3].max(initial=0.0) >= _TRUCK_M:
             label = int(ObjectClass.TRUCK)
         valid = rows[:, 9] > 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,8 @@ from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 
 MOST_BYTES = 4 << 30
+
+TYPES = "a type of road user (car, van, truck, bus, motorcycle, bicycle, scooter, pedestrian, child, ...)"
 
 
 class Table:
@@ -78,7 +80,10 @@ class Table:
         given, number = np.unique(self.texts(name).astype(str), return_inverse=True)
         labels = np.empty(len(given), np.int64)
         for k, word in enumerate(given.tolist()):
-            labels[k] = label_of(word, own, lambda wrong, k=k: self._error(name, int(np.argmax(number == k)), wrong))
+            found = label_of(word, own)
+            if found is None:
+                raise self._error(name, int(np.argmax(number == k)), f"must be {TYPES}, got {word!r}")
+            labels[k] = found
         return labels[number]
 
     def _number(self, name: str) -> Floats:
@@ -98,19 +103,17 @@ class Table:
         return LogFileError(f"{self.path}: {word} {row + first}, column {name} {wrong}")
 
 
-def label_of(word: str, own: Mapping[str, str] | None, error: Any) -> int:
-    """Return the label of a type's name; -1: it is no road user.
+def label_of(word: str, own: Mapping[str, str] | None = None) -> int | None:
+    """Return the label of a type's name, -1 if it is no road user; None: it is not known.
 
     Args:
         word: the name.
         own: the format's own names, with one that is known for each.
-        error: makes an error of a message.
     """
     try:
         found = find_class((own or {}).get(word.lower(), word))
     except KeyError:
-        known = "car, van, truck, bus, motorcycle, bicycle, scooter, pedestrian, child, ..."
-        raise error(f"must be a type of road user ({known}), got {word!r}") from None
+        return None
     return -1 if found is None else int(found)
 
 

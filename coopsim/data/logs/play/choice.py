@@ -95,7 +95,8 @@ def choose(log: TrackLog, wish: Wish, seed: int) -> Choice:
     asked = f"{wish.connected} connected cars" if named is None else f"the cars {', '.join(wish.ids)}"
     raise InvalidValueError(
         f"{log.source} has no {wish.least_s:g} s {when} (least_s) in which {asked} are there, within "
-        f"{wish.radius_m:g} m (radius_m): at most {most} are there, {most_near} of them so near. It lasts from {log.start_s:g} to {log.end_s:g} s"
+        f"{wish.radius_m:g} m (radius_m): at most {most} are there, {most_near} of them so near. It lasts from "
+        f"{log.start_s:g} to {log.end_s:g} s"
     )
 
 

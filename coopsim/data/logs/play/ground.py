@@ -13,7 +13,6 @@ from coopsim.geometry.se3 import Floats
 from coopsim.world.places.layout import GROUND, Layout, flat_part, flights_around, rectangle
 from coopsim.world.places.place import BUILDERS
 from coopsim.world.places.road_network import RoadNetwork
-
 from coopsim.world.places.streets import RSU_HEIGHT_M
 from coopsim.world.snapshot import RoadMap
 

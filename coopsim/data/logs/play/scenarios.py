@@ -120,7 +120,9 @@ class LogScenarios(EpisodeScenarios):
         self.name, self._detail = Path(path).name.split(".")[0], detail or "plain"
         self._log, self._seeds, self._options = open_log(path, options.part), seeds, options
         alive = _most_at_once(self._log, self._log.label == ObjectClass.CAR)
-        counted = Population(vehicles=max(alive, 1), truck_share=0.0, **{"rsus": 0, "drones": 0, **_cars(numbers, options)})
+        counted = Population(
+            vehicles=max(alive, 1), truck_share=0.0, **{"rsus": 0, "drones": 0, **_cars(numbers, options)}
+        )
         self._agents = (counted.connected, counted.rsus, counted.drones)
         self.most_actors = _most_at_once(self._log, np.ones(len(self._log.ids), bool))
         self.of(0)
@@ -147,9 +149,7 @@ class LogScenarios(EpisodeScenarios):
         there = Population(
             vehicles=connected, truck_share=0.0, connected_cars=connected, rsus=rsus, drones=drones, pedestrians=0
         )
-        return Scenario(
-            self.name, layout, there, self._detail, place_seed=place_seed, played=PlayedPart(choice)
-        )
+        return Scenario(self.name, layout, there, self._detail, place_seed=place_seed, played=PlayedPart(choice))
 
 
 def _cars(numbers: Mapping[str, Any], options: LogOptions) -> dict[str, Any]:

@@ -54,7 +54,7 @@ def test_an_environment_of_a_log_is_seeded_and_ends_with_its_cars(log_path: Path
     scores = []
     for _ in range(2):
         env = coopsim.parallel_env(str(log_path), cars="early", start_s=4.0, least_s=0.5, lidar_columns=60)
-        coopsim.run_episode(env, coopsim.make_policy("ego_only"), seed=3)
+        coopsim.run_episode(env, coopsim.make_policy("no_fusion"), seed=3)
         assert env.agents == []
         scores.append(env.score())
         env.close()
