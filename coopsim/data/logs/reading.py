@@ -28,8 +28,8 @@ ENDS = (".csv", ".csv.gz", ".parquet", ".fcd.xml", ".fcd.xml.gz", ".pkl")
 
 _ACCEPTED = (
     "accepted: tables (.csv, .csv.gz, .parquet) with the columns time_s, id, x_m, y_m, or of INTERACTION or "
-    "Argoverse 2; NN_tracks.csv of levelX; floating car data of SUMO (.fcd.xml, .gz, .parquet); pickles of ScenarioNet (.pkl); "
-    "folders of recordings (nuScenes, KITTI, V2V4Real, OPV2V, V2X-Seq)"
+    "Argoverse 2; NN_tracks.csv of levelX; floating car data of SUMO (.fcd.xml, .gz, .parquet); pickles of "
+    "ScenarioNet (.pkl); folders of recordings (nuScenes, KITTI, V2V4Real, OPV2V, V2X-Seq)"
 )
 
 

@@ -19,6 +19,9 @@ from coopsim.types import Ints
 GAP_STEPS = 1.5
 """A pause between two rows of a track, in steps of the log, above which it is a gap: the road user was not seen."""
 
+_SAME_S = 1e-6
+"""Times that differ by less are the same: sums of steps miss those of rows by a last bit."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moment:
@@ -140,10 +143,10 @@ class TrackLog:
         """Return the road users at a time; at times of the log exactly as it has them, in gaps and before or after
         their tracks not at all.
         """
-        row = self._row_before(time_s)
+        row = self._row_before(time_s + _SAME_S)
         begun = np.flatnonzero(row >= 0)
         row = row[begun]
-        exact = self.time_s[row] == time_s
+        exact = self.time_s[row] >= time_s - _SAME_S
         kept = exact | ((row + 1 < self.first[begun + 1]) & ~self.gap[row])
         begun, row, exact = begun[kept], row[kept], exact[kept]
         after = np.where(exact, row, row + 1)
