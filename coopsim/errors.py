@@ -126,6 +126,10 @@ class MapFileError(CoopsimError, ValueError):
     """A map of another program is missing, broken, or of a format that is not read; names file, line and element."""
 
 
+class LogFileError(CoopsimError, ValueError):
+    """A log of traffic is missing, broken, or holds what cannot be played."""
+
+
 class GridFileError(CoopsimError, ValueError):
     """A benchmark's grid file is missing or broken; the message names the file and, where known, the line."""
 

@@ -20,6 +20,7 @@ from coopsim.cli.entry_commands import ENTRY
 from coopsim.cli.export_commands import CHECK_EXPORT, EXPORT, EXPORT_RESULTS
 from coopsim.cli.info_command import INFO
 from coopsim.cli.list_command import LIST
+from coopsim.cli.log_command import LOG
 from coopsim.cli.map_command import MAP
 from coopsim.cli.paste_command import PASTE
 from coopsim.cli.recordings_commands import LEADERBOARD, REPLAY
@@ -41,6 +42,7 @@ _COMMANDS = {
     "clip": CLIP,
     "record": RECORD,
     "town": TOWN,
+    "log": LOG,
     "map": MAP,
     "export": EXPORT,
     "check-export": CHECK_EXPORT,

@@ -58,7 +58,7 @@ DRAWN: Registry[type[DrawnPlaces]] = Registry("drawn place", home="coopsim.world
 """Drawers of places, by the names of their scenarios."""
 
 PLACE_FILES: Registry[Callable[[str], DrawnPlaces]] = Registry(
-    "file of places", home="coopsim.data.maps.place.scenarios"
+    "file of places", home=("coopsim.data.maps.place.scenarios", "coopsim.data.logs.play.scenarios")
 )
 """Makers of drawers of places from the path of a file, by how its name ends, before ".gz" and in small letters."""
 

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from numbers import Integral
-from typing import Any
+from typing import Any, Protocol
 
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.support.checks import require_choice, require_non_negative
@@ -28,7 +28,7 @@ from coopsim.world.places.place import Place as Place
 from coopsim.world.places.urban_grid import make_urban_grid
 from coopsim.world.population import Population, require_one_of_each
 from coopsim.world.script import Script
-from coopsim.world.snapshot import StaticPart
+from coopsim.world.snapshot import StaticPart, WorldSource
 
 DETAILS = ("plain", "full", "street")
 """How much there is to see: roads, buildings and a few shapes of actors; also furniture, plants, varied actors; also
@@ -45,6 +45,24 @@ as text), its layout and its population, "clutter" a layout and a random generat
 """
 
 
+class Played(Protocol):
+    """Traffic that is played, not simulated.
+
+    Attributes:
+        over_s: time at which the episode is over.
+        facts: what it is, for `infos`.
+    """
+
+    @property
+    def over_s(self) -> float: ...
+
+    @property
+    def facts(self) -> Mapping[str, Any]: ...
+
+    def world(self, scenario: Scenario, seed: int) -> WorldSource:
+        """Return the world of an episode, in the layout of its scenario."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Scenario:
     """A place with its population.
@@ -58,6 +76,7 @@ class Scenario:
         place_seed: seed that the place was drawn from; None: it was not drawn.
         script: vehicles on the roads, and people beside those of the population, who are not drawn; the population's
             numbers of moving vehicles and of connected cars are the script's. None: all are drawn.
+        played: traffic that is played; the population's vehicles are its connected cars. None: it is simulated.
 
     Warns:
         CrowdedWarning: some do not fit.
@@ -70,13 +89,14 @@ class Scenario:
     description: PlaceDescription | None = field(default=None, repr=False)  # of hundreds of lines
     place_seed: int | None = None
     script: Script | None = None
+    played: Played | None = None
 
     def __post_init__(self) -> None:
         require_choice("detail", self.detail, DETAILS)
         self._require_at_most(len(self.layout.rsus), "rsus")
         self._require_at_most(len(self.layout.flights), "drones")
         fitting = self.population
-        for room, names in rooms(self.layout):
+        for room, names in () if self.played is not None else rooms(self.layout):
             if self.script is not None and "vehicles" in names:
                 continue
             if not room and "vehicles" not in names:
@@ -96,8 +116,9 @@ class Scenario:
 
     @property
     def over_s(self) -> float | None:
-        """The time at which the situation is over; None without a script."""
-        return None if self.script is None else self.script.over_s
+        """The time at which the situation, or what is played, is over; None: it goes on."""
+        source = self.played if self.script is None else self.script
+        return None if source is None else source.over_s
 
     def _require_at_most(self, most: int, *names: str) -> None:
         for name in names:

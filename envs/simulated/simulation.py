@@ -26,11 +26,12 @@ from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.scene import RayScene, SceneGeometry
 from coopsim.sensors.visibility import PixelVisibility, Visibility, measure_pixels
 from coopsim.support.arrays import look_up
+from coopsim.support.checks import require_choice
 from coopsim.types import AgentSpec, CameraImage, Ints, Sweep, Tracks, seconds_to_ns
 from coopsim.types.driving import ACCELERATION, MANEUVER, Command
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import PlayedWorld, RecordedWorld
-from coopsim.world.scenario import EpisodeScenarios
+from coopsim.world.scenario import EpisodeScenarios, Scenario
 from coopsim.world.snapshot import Actors, AgentBody, WorldSource
 from coopsim.world.world import World
 
@@ -75,7 +76,7 @@ class Simulation(FrameSource):
         if self._options.record is not None:
             world = RecordedWorld(world, self._options.record, self._scenario, seed, self._options.dt_s)
         self.specs, self._world, self.road_map = self._specify(world.agents()), made, made.map
-        self._episode = SimulatedEpisode(self._options, self._equipment, world, self.specs, seed, self._scenario.over_s)
+        self._episode = SimulatedEpisode(self._options, self._equipment, world, self.specs, seed, self._scenario)
         self._conflicts = made.conflict_ids if isinstance(made, World) else ()
         if isinstance(made, World) and self._driven:
             self._episode.let_drive(made, self._driven)
@@ -95,13 +96,14 @@ class Simulation(FrameSource):
     @property
     def staged(self) -> bool:
         """True if the scenario has a script; see `FrameSource.staged`."""
-        return self._scenario.over_s is not None
+        return self._scenario.script is not None
 
     @property
     def episode_infos(self) -> dict[str, Any]:
-        """The seed of the place, where it was drawn."""
-        place_seed = self._scenario.place_seed
-        return {} if place_seed is None else {"place_seed": place_seed}
+        """The seed of the place, where it was drawn, and what is played."""
+        place_seed, played = self._scenario.place_seed, self._scenario.played
+        drawn = {} if place_seed is None else {"place_seed": place_seed}
+        return drawn if played is None else drawn | dict(played.facts)
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -116,6 +118,9 @@ class Simulation(FrameSource):
         if self._recording is not None:
             return PlayedWorld(self._recording, self._scenario)
         control, traffic, driven = self._options.control, self._options.traffic, self._options.driven_agents
+        if self._scenario.played is not None:
+            require_choice("control of the cars in a log", control, ["traffic"])
+            return self._scenario.played.world(self._scenario, seed)
         return World(self._scenario, seed, control=control, traffic=traffic, driven=driven)
 
     def _driven_among(self, bodies: Mapping[str, AgentBody]) -> tuple[str, ...]:
@@ -152,10 +157,11 @@ class SimulatedEpisode:
         world: WorldSource,
         specs: Mapping[str, AgentSpec],
         seed: int,
-        over_s: float | None,
+        scenario: Scenario,
     ) -> None:
         self._options, self._equipment, self._world, self._specs = options, equipment, world, specs
-        self._over_s = over_s  # when a situation is over
+        self._over_s = scenario.over_s  # of a situation, or of what is played
+        self._ends_when_over = scenario.played is not None
         self._geometry = SceneGeometry(world.models, world.static)
         self._lidars = self._lidar_sensing(specs, seed)
         self._perception = Perception(options, specs, seed)
@@ -205,15 +211,24 @@ class SimulatedEpisode:
             frames = {name: replace(each, segmentation=images.get(name, {})) for name, each in frames.items()}
         agents = frames | self._driven_frames(frames)
         crashed = self._options.ends_on_crash and self._any_crashed(bodies)
-        last = crashed or self._cycle >= self._options.max_cycles
+        last = crashed or self._cycle >= self._options.max_cycles or (self._ends_when_over and self._is_over)
         self._frame = Frame(time_ns, agents, actors, last, probe, "crash" if crashed else self._end)
         return self._frame
 
     @property
     def _end(self) -> str:
         """Return why the episode would end now, without a crash."""
-        over = self._over_s is not None and self._cycle * self._options.dt_s >= self._over_s - 1e-9
-        return "situation over" if over else "max_cycles"
+        if not self._is_over:
+            return "max_cycles"
+        return "log over" if self._ends_when_over else "situation over"
+
+    @property
+    def _is_over(self) -> bool:
+        if self._over_s is None:
+            return False
+        if self._ends_when_over:  # no agent is there in the next frame
+            return (self._cycle + 1) * self._options.dt_s > self._over_s + 1e-6
+        return self._cycle * self._options.dt_s >= self._over_s - 1e-9
 
     def _driven_frames(self, frames: Mapping[str, AgentFrame]) -> dict[str, AgentFrame]:
         """Return the frames of driven cars with their states, which highway-env's own objects lack."""

@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from io import BufferedReader
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 from xml.parsers import expat
 
 import numpy as np
@@ -35,6 +35,9 @@ LARGEST = 1e9
 
 _PLAIN = ("geoReference",)
 """Elements whose text is kept."""
+
+
+_Made = TypeVar("_Made")
 
 
 @dataclass(slots=True)
@@ -128,7 +131,26 @@ def read_elements(path: Path, skipped: Iterable[str] = ()) -> Iterator[Element]:
     Raises:
         MapFileError: the file is missing, no XML, cut off or damaged, has entities, or is too large.
     """
-    builder = _Builder(str(path), frozenset(skipped))
+    yield from _parsed(path, _Builder(str(path), frozenset(skipped)))
+
+
+Start = tuple[str, dict[str, str]]
+"""Tag and attributes of an element."""
+
+
+def read_starts(path: Path) -> Iterator[Start]:
+    """Yield tag and attributes of every element of an XML file, plain or in gzip, in the order in which they begin.
+
+    For files of millions of small elements: no element is made of them.
+
+    Raises:
+        MapFileError: as `read_elements`.
+    """
+    yield from _parsed(path, _Starts(str(path)))
+
+
+def _parsed(path: Path, builder: _Parser[_Made]) -> Iterator[_Made]:
+    """Yield what a parser makes of a file, part by part."""
     try:
         with _opened(path) as file:
             while chunk := file.read(_CHUNK_BYTES):
@@ -150,17 +172,16 @@ def _opened(path: Path) -> gzip.GzipFile | BufferedReader:
     return gzip.open(path) if packed else open(path, "rb")
 
 
-class _Builder:
-    """Make elements from parts of a file."""
+class _Parser(Generic[_Made]):
+    """Parse parts of a file; what is made of them is taken between parts."""
 
-    def __init__(self, file: str, skipped: frozenset[str]) -> None:
-        self._file, self._skipped = file, skipped
-        self._open: list[Element] = []
-        self._done: list[Element] = []
-        self._elements = self._in_one = self._bytes = self._passed_over = 0
+    def __init__(self, file: str) -> None:
+        self._file = file
+        self._done: list[_Made] = []
+        self._bytes = 0
         self._parser: Any = expat.ParserCreate()
         self._parser.buffer_text = True
-        self._parser.StartElementHandler, self._parser.EndElementHandler = self._start, self._end
+        self._parser.StartElementHandler = self._start
         self._parser.EntityDeclHandler = self._refuse
 
     def feed(self, chunk: bytes, *, last: bool = False) -> None:
@@ -176,10 +197,41 @@ class _Builder:
         except (LookupError, ValueError) as error:  # an encoding that Python does not know
             raise self._error(f"this is no XML file in a known encoding ({error})") from None
 
-    def take(self) -> list[Element]:
-        """Return the elements that are complete, and forget them."""
+    def take(self) -> list[_Made]:
+        """Return what is complete, and forget it."""
         done, self._done = self._done, []
         return done
+
+    def where(self) -> str:
+        """Return which element is open."""
+        return "accepted: a whole file"
+
+    def _error(self, wrong: str) -> MapFileError:
+        return MapFileError(wrong).at(f"{self._file}:{self._parser.CurrentLineNumber}")
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        raise NotImplementedError
+
+    def _refuse(self, name: str, *_: object) -> None:
+        raise self._error(f"the entity {name!r} is refused; accepted: XML without entities of its own")
+
+
+class _Starts(_Parser[Start]):
+    """List the beginnings of elements."""
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        self._done.append((tag, attributes))
+
+
+class _Builder(_Parser[Element]):
+    """Make elements from parts of a file."""
+
+    def __init__(self, file: str, skipped: frozenset[str]) -> None:
+        super().__init__(file)
+        self._skipped = skipped
+        self._open: list[Element] = []
+        self._elements = self._in_one = self._passed_over = 0
+        self._parser.EndElementHandler = self._end
 
     def where(self) -> str:
         """Return which element is open."""
@@ -189,9 +241,6 @@ class _Builder:
         return " ".join(
             f"<{each.tag}{f' id={name!r}' if (name := each.get('id')) else ''}>" for each in self._open[-4:]
         )
-
-    def _error(self, wrong: str) -> MapFileError:
-        return MapFileError(wrong).at(f"{self._file}:{self._parser.CurrentLineNumber}")
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         self._elements += 1
@@ -226,6 +275,3 @@ class _Builder:
     def _text(self, text: str) -> None:
         if len(self._open[-1].text) < _CHUNK_BYTES:
             self._open[-1].text += text
-
-    def _refuse(self, name: str, *_: object) -> None:
-        raise self._error(f"the entity {name!r} is refused; accepted: XML without entities of its own")

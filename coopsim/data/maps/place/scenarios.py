@@ -62,10 +62,10 @@ class MapOptions:
         require_flag(seed_places=self.seed_places)
         object.__setattr__(self, "radius_m", float(self.radius_m))
         if self.around is not None:
-            object.__setattr__(self, "around", _point(self.around))
+            object.__setattr__(self, "around", as_point(self.around))
 
 
-def _point(given: Any) -> tuple[float, float]:
+def as_point(given: Any) -> tuple[float, float]:
     """Return a point from two numbers, or from a text of them."""
     try:
         x, y = map(float, given.split(",") if isinstance(given, str) else given)

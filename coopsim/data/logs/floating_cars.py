@@ -1,0 +1,120 @@
+"""Floating car data of SUMO (`--fcd-output`): XML, plain or in gzip, and Parquet.
+
+| attribute | read as |
+|---|---|
+| `timestep time`, `vehicle id`, `person id` | time, and names |
+| `x`, `y` | the middle of the **front**, m: the footprint's lies half a length behind |
+| `angle` | degrees clockwise from north |
+| `speed` | m/s along the heading |
+| `type` | the class, where a word of it names one, such as `bus`; else a car, of persons a pedestrian |
+
+Sizes are in no such file: those of the classes are taken, but cars have the 5 m that SUMO gives them.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from coopsim.data.logs.filling import SIZES_M, Columns
+from coopsim.data.logs.tables import Table
+from coopsim.data.maps.elements import Start, read_starts
+from coopsim.errors import LogFileError, MapFileError
+from coopsim.geometry.se3 import Floats
+from coopsim.types import Ints
+from coopsim.types.taxonomy import ObjectClass
+
+ROOT = "fcd-export"
+PARQUET = ("timestep_time", "vehicle_id", "vehicle_x", "vehicle_y", "vehicle_angle", "vehicle_speed")
+
+_USERS = {"vehicle": "", "person": "pedestrian"}
+"""Tags of road users, and their types where none is given."""
+_NUMBERS = ("x", "y", "angle", "speed")
+
+_WORDS = (
+    *((word, ObjectClass.TRUCK) for word in ("truck", "trailer", "lkw", "semi")),
+    *((word, ObjectClass.BUS) for word in ("bus", "coach")),
+    *((word, ObjectClass.VAN) for word in ("van", "delivery", "ambulance")),
+    *((word, ObjectClass.MOTORCYCLE) for word in ("motorcycle", "moped", "motorbike")),
+    *((word, ObjectClass.BICYCLE) for word in ("bicycle", "bike", "cyclist")),
+    *((word, ObjectClass.SCOOTER) for word in ("scooter",)),
+    *((word, ObjectClass.PEDESTRIAN) for word in ("pedestrian", "person", "ped_")),
+)
+_CAR_M = (5.0, 1.8, 1.5)
+
+
+def floating_columns(path: Path) -> Columns:
+    """Return the columns of an XML file."""
+    ids: dict[str, int] = {}
+    types: dict[str, int] = {}
+    texts, numbers = array("q"), array("d")  # flat: files have millions of rows
+    time_s = 0.0
+    for tag, attributes in _starts(path):
+        try:
+            if tag == "timestep":
+                time_s = float(attributes["time"])
+            elif tag in _USERS:
+                x, y, angle, speed = map(attributes.__getitem__, _NUMBERS)
+                numbers.extend((time_s, float(x), float(y), float(angle), float(speed)))
+                texts.append(ids.setdefault(attributes["id"], len(ids)))
+                texts.append(types.setdefault(attributes.get("type", _USERS[tag]), len(types)))
+        except (KeyError, ValueError) as error:
+            wrong = f"lacks {error.args[0]}" if isinstance(error, KeyError) else str(error)
+            name = f" id={attributes.get('id', '')!r} at {time_s:g} s" if tag in _USERS else ""
+            raise LogFileError(f"{path}: <{tag}{name}>: {wrong}") from None
+    user, kind = np.frombuffer(texts, np.int64).reshape(-1, 2).T
+    return _columns(
+        ("vehicle", 1),
+        np.array([*ids], str)[user],
+        np.array([*types], str)[kind],
+        np.frombuffer(numbers).reshape(-1, 5),
+    )
+
+
+def floating_table_columns(table: Table) -> Columns:
+    """Return the columns of a Parquet file, which has vehicles only."""
+    types = table.texts("vehicle_type") if "vehicle_type" in table.names else np.full(table.rows, "")
+    names = ("timestep_time", "vehicle_x", "vehicle_y", "vehicle_angle", "vehicle_speed")
+    return _columns(table.first_line, table.texts("vehicle_id"), types, table.numbers(*names))
+
+
+def _starts(path: Path) -> Iterator[Start]:
+    """Yield all elements of a file after its root."""
+    try:
+        elements = read_starts(path)
+        root = next(elements, ("", {}))[0]
+        if root != ROOT:
+            raise LogFileError(f"{path} is no floating car data: its root must be <{ROOT}>, got <{root}>")
+        yield from elements
+    except MapFileError as error:
+        raise LogFileError(str(error)) from None
+
+
+def _columns(where: tuple[str, int], ids: np.ndarray, types: np.ndarray, numbers: Floats) -> Columns:
+    time_s, x, y, angle, speed = numbers.T
+    heading = np.pi / 2 - np.radians(angle)
+    label = _labels(types)
+    usual = np.array([_CAR_M if k == ObjectClass.CAR else SIZES_M[k] for k in ObjectClass])
+    return Columns(
+        where=where,
+        time_s=time_s,
+        id=ids,
+        label=label,
+        xy=np.column_stack([x, y]),
+        heading=heading,
+        velocity=speed[:, None] * np.column_stack([np.cos(heading), np.sin(heading)]),
+        size=usual[label],
+        front=True,
+    )
+
+
+def _labels(types: np.ndarray) -> Ints:
+    names, number = np.unique(types, return_inverse=True)
+    found = [
+        next((int(label) for word, label in _WORDS if word in name.lower()), int(ObjectClass.CAR))
+        for name in names.tolist()
+    ]
+    return np.array(found, np.int64)[number]

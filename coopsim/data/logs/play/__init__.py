@@ -1,0 +1,1 @@
+"""Logs as worlds: where and when an episode is played, who is connected, and what stands around."""
