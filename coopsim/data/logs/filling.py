@@ -196,13 +196,10 @@ def _sizes(columns: Columns, row: Ints, first: Ints, label: Ints, filled: list[s
         return usual
     largest = np.fmax.reduceat(columns.size[row], first[:-1])
     unknown = ~np.isfinite(largest)
-    for name, missing in zip(("lengths", "widths", "heights"), unknown.any(axis=0), strict=True):
+    for name, missing in zip(("lengths", "widths", "heights"), unknown.sum(axis=0).tolist(), strict=True):
         if missing:
-            filled.append(f"{name} of {int(unknown[:, _AXES[name]].sum())} road users: those of their classes")
+            filled.append(f"{name} of {missing} road users: those of their classes")
     return np.where(unknown, usual, largest)
-
-
-_AXES = {"lengths": 0, "widths": 1, "heights": 2}
 
 
 def _headings(columns: Columns, row: Ints, track: Ints, xy: Floats, filled: list[str]) -> Floats:

@@ -41,7 +41,8 @@ def scenario_columns(path: Path) -> Columns:
     content = read_arrays(path)
     if not (isinstance(content, dict) and isinstance(content.get("tracks"), dict) and content["tracks"]):
         raise LogFileError(f"{path} has no tracks; accepted: a scenario of ScenarioNet or MetaDrive")
-    about = content.get("metadata") if isinstance(content.get("metadata"), dict) else {}
+    given = content.get("metadata")
+    about: Mapping[str, Any] = given if isinstance(given, dict) else {}
     times = np.asarray(_numbers(content["ts"] if "ts" in content else about.get("ts"), f"{path}: ts", (None,)))
     parts: list[Floats] = []
     labels: list[int] = []

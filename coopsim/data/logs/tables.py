@@ -62,7 +62,7 @@ class Table:
         if column.null_count:
             row = int(np.flatnonzero(column.is_null().to_numpy(zero_copy_only=False))[0])
             raise self._error(name, row, "must not be empty")
-        values = column.to_numpy(zero_copy_only=False)
+        values: NDArray[Any] = column.to_numpy(zero_copy_only=False)
         if values.dtype.kind in "iub":
             return values.astype(np.int64)
         texts = values.astype(str)

@@ -125,7 +125,7 @@ def stop_line_m(network: LaneArrays, vehicle: Vehicle, route: Ints, movements: M
     movement_of = movements.of_road
     k, line_m = line_ahead(network, vehicle, route, movement_of)
     if vehicle.ticket > GRANTED and line_m > 0:
-        return line_m - movements.back_m[vehicle.movement]
+        return float(line_m - movements.back_m[vehicle.movement])
     if vehicle.ticket != GRANTED or k != 0:
         return np.inf
     last = _next_at_once(network, vehicle, route, movements, k)
@@ -139,4 +139,4 @@ def stop_line_m(network: LaneArrays, vehicle: Vehicle, route: Ints, movements: M
         return np.inf
     for place in range(k + 2):
         line_m += network.lanes[lane_of_route(network, vehicle, route, place)].length
-    return line_m - movements.back_m[movement_of[route[k + 2, 0]]]
+    return float(line_m - movements.back_m[movement_of[route[k + 2, 0]]])

@@ -189,6 +189,17 @@ def movements_of(
         role = np.where(yields.any(axis=1), YIELDS, np.where(first | yields.any(axis=0), FIRST, USUAL))
     none = np.zeros(len(roads), np.bool_)
     braking_m_s2 = BRAKING_M_S2 if given or lights else np.inf
-    road = np.array(numbers, dtype=np.int64)
     long_clear_m, back_m = clearances_of_long(network.source, roads, clear_m)
-    return Movements(of_road, road, clear_m, long_clear_m, back_m, role, exits, yields, none, none, braking_m_s2)
+    return Movements(
+        of_road,
+        np.array(numbers, dtype=np.int64),
+        clear_m,
+        long_clear_m,
+        back_m,
+        role,
+        exits,
+        yields,
+        none,
+        none,
+        braking_m_s2,
+    )

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from coopsim.geometry.outlines import keep_corners
 from coopsim.geometry.se3 import Floats
-from coopsim.world.towns.geometry import keep_corners
 from coopsim.world.towns.kerbs import STREET, trace_rounds
 from coopsim.world.towns.plan import Plan
 

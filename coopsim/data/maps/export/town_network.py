@@ -161,7 +161,7 @@ def town_network(place_seed: int, options: TownOptions) -> TownNetwork:
         if street.end.junction is None:
             reading.add_loop(street)
     ways, rings = tuple(reading.ways), tuple(reading.rings)
-    side = -1 if getattr(options, "traffic_side", "right") == "left" else 1
+    side = -1 if options.traffic_side == "left" else 1
     return TownNetwork(place.name, plan, place.description, reading.lanes, ways, rings, side)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from coopsim.world.places.description import MapLane, PlaceDescription, point_of
 _WIDTHS_M, _SPEEDS_M_S = (2.5, 8.0), (1.0, 40.0)
 _ALIKE_M = 0.02
 _DECIMALS = 3
-_LOOP_M = (3.2, 15.5)  # from a lane to one on its left, into which vehicles can turn round
+_LOOP_M = (3.2, 15.5)  # from a lane to one on its inner side, into which vehicles can turn round
 _OPPOSITE_RAD = np.radians(160.0)
 _ROOM_M = 300.0  # of lanes without end, on which connected cars can stay
 
@@ -40,12 +41,16 @@ def describe_place(streets: StreetMap, seed: int) -> PlaceDescription:
     add_yields(streets, ways)
     nodes = _nodes(strips)
     order = sorted(strips.all.values(), key=lambda each: float(exact.norm(each.line[:, :2].mean(axis=0))))
-    roads, loops = [_lane(each, strips) for each in order], _loops(strips)
+    side = "left" if streets.left_hand else "right"
+    known = {each.id: each.traffic_per_h for each in (*streets.lanes.values(), *streets.ways.values())}
+    roads = [replace(_lane(each, strips), traffic_per_h=known.get(each.name.rstrip("~"))) for each in order]
+    loops = _loops(strips, 1 if side == "right" else -1)
     return PlaceDescription(
         nodes=nodes,
         roads=(*roads, *loops),
         signals=signals_of(streets, ways, beside.crosswalks, seed),
         cut=True,
+        traffic_side=side,
         heights=heights_of(streets),
         **clear_of_roads(beside.fields, strips.all.values(), loops, nodes),
     )
@@ -86,8 +91,11 @@ def _lane(strip: Strip, strips: Strips) -> MapLane:
     )
 
 
-def _loops(strips: Strips) -> list[MapLane]:
-    """Return loops at lanes that end, where connected cars could otherwise not stay."""
+def _loops(strips: Strips, inner: int) -> list[MapLane]:
+    """Return loops at lanes that end, where connected cars could otherwise not stay.
+
+    They lead to the inner side of lanes, 1: left, -1: right.
+    """
     ending, starting = strips.by_node()
     if _endless_m(strips) >= _ROOM_M:
         return []
@@ -97,10 +105,10 @@ def _loops(strips: Strips) -> list[MapLane]:
     loops, taken = list[MapLane](), list[list[float]]()
     for leaving in exits:
         heading = heading_of(leaving.line[-2:])
-        left = np.array([-exact.sin(heading), exact.cos(heading)])
+        aside = inner * np.array([-exact.sin(heading), exact.cos(heading)])
         for coming in entries:
             across = (coming.line[0] - leaving.line[-1])[:2]
-            aside_m = float(exact.dot(across, left))
+            aside_m = float(exact.dot(across, aside))
             opposite = abs(float(wrap_angle(heading_of(coming.line[:2]) - heading))) > _OPPOSITE_RAD
             if not opposite or not _LOOP_M[0] < aside_m < _LOOP_M[1] or float(exact.norm(across)) > 1.02 * aside_m:
                 continue

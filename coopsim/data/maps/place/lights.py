@@ -8,7 +8,7 @@ import numpy as np
 
 from coopsim.data.maps.place.lines import heading_of, part_of, spaced
 from coopsim.data.maps.place.strips import Strip, conflicts_of
-from coopsim.data.maps.street_map import SignalProgram, StreetCrossing, StreetMap, StreetWay
+from coopsim.data.maps.street_map import SignalProgram, StreetCrossing, StreetMap, StreetWay, Turn
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.world.places.description import MapPhase, MapSignal
@@ -20,6 +20,7 @@ Crosswalks = Mapping[str, tuple[str, str]]
 _LONGEST_S, _SHORTEST_S = 120.0, 1.0  # a program with a longer phase does not run by itself; shorter ones are left out
 _LETTERS = str.maketrans("oOsu", "gggr")  # off; a turn after a stop; red and yellow
 _SPEED_M_S = 13.9
+_MIRRORED: Mapping[Turn, Turn] = {"left": "right", "right": "left"}
 _BESIDE_M, _OVER_M = 10.0, 1.5  # of lanes beside a junction that crossings belong to; from their middles to crossings
 
 
@@ -92,7 +93,9 @@ def _phases(program: SignalProgram, links: Sequence[int]) -> tuple[MapPhase, ...
 def _movement(streets: StreetMap, strip: Strip) -> LitMovement:
     lane = streets.lanes[_way(strip).start]
     speed_m_s = lane.speed_m_s or _SPEED_M_S
-    return LitMovement(lane.road, lane.id, heading_of(lane.line[-2:]), strip.turn, speed_m_s, strip.length_m)
+    # Made programs are for traffic on the right, where left turns go over oncoming traffic.
+    turn = _MIRRORED.get(strip.turn, strip.turn) if streets.left_hand else strip.turn
+    return LitMovement(lane.road, lane.id, heading_of(lane.line[-2:]), turn, speed_m_s, strip.length_m)
 
 
 def _length_m(crossing: StreetCrossing) -> float:

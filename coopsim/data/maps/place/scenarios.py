@@ -15,6 +15,7 @@ from coopsim.data.maps.place.cut import cut_out, distances_m
 from coopsim.data.maps.place.describe import describe_place
 from coopsim.data.maps.reading import read_map
 from coopsim.data.maps.street_map import DRIVEN, StreetMap
+from coopsim.data.maps.sumo.demand import with_demand
 from coopsim.errors import CoopsimError, InvalidValueError, UnknownNameError
 from coopsim.support.checks import require_between, require_flag
 from coopsim.world.drawn_options import PlaceSeeds
@@ -51,11 +52,13 @@ class MapOptions:
         radius_m: radius of the place, 60 to 600 m. Junctions lie at least 20 m within it.
         seed_places: another place, or other surroundings `around` the same one, for every place seed; False: all
             episodes are in the same place.
+        demand: file of SUMO's demand for the map (.rou.xml): vehicles turn, start and come in as often as it says.
     """
 
     around: tuple[float, float] | str | None = None
     radius_m: float = 250.0
     seed_places: bool = True
+    demand: str | Path | None = None
 
     def __post_init__(self) -> None:
         require_between(*RADII_M, radius_m=self.radius_m)
@@ -113,20 +116,21 @@ class _File:
         return self.places[radius_m]
 
 
-def open_file(path: str) -> _File:
-    """Read a map, or return it as it was read before; a file that changes is read anew.
+def open_file(path: str, demand: str | None = None) -> _File:
+    """Read a map and the demand on it, or return them as they were read before; files that change are read anew.
 
     Raises:
-        MapFileError: see `coopsim.data.maps.reading.read_map`.
+        MapFileError: see `coopsim.data.maps.reading.read_map` and `coopsim.data.maps.sumo.demand.with_demand`.
     """
-    file = Path(path)
-    state = file.stat() if file.is_file() else None
-    return _read(path, None if state is None else (state.st_mtime_ns, state.st_size))
+    files = [Path(each) for each in (path, demand) if each is not None]
+    states = tuple((file.stat().st_mtime_ns, file.stat().st_size) for file in files if file.is_file())
+    return _read(path, demand, states)
 
 
 @lru_cache(_KEPT_MAPS)
-def _read(path: str, state: Any) -> _File:
-    return _File(path, read_map(path))
+def _read(path: str, demand: str | None, states: Any) -> _File:
+    streets = read_map(path)
+    return _File(path, streets if demand is None else with_demand(streets, demand))
 
 
 @lru_cache(_KEPT_PLACES)
@@ -246,12 +250,15 @@ class MapPlaces(DrawnPlaces):
         self._path = path
 
     def place(self, place_seed: int, options: Any) -> Place:
-        return draw_place(open_file(self._path), options, place_seed, _Needs(0, 0))
+        return draw_place(self._opened(options), options, place_seed, _Needs(0, 0))
 
     def scenarios(
         self, seeds: PlaceSeeds, options: Any, density: float, detail: str | None, numbers: Mapping[str, Any]
     ) -> MapScenarios:
-        return MapScenarios(open_file(self._path), seeds, options, density, detail, numbers)
+        return MapScenarios(self._opened(options), seeds, options, density, detail, numbers)
+
+    def _opened(self, options: MapOptions) -> _File:
+        return open_file(self._path, None if options.demand is None else str(options.demand))
 
 
 for _end in (".xodr", ".net.xml", ".osm"):

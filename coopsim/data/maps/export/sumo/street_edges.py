@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from coopsim.data.maps.export.town_network import LaneEnd, TownNetwork
+from coopsim.geometry.outlines import keep_corners
 from coopsim.geometry.se3 import Floats
-from coopsim.world.towns.geometry import keep_corners
 from coopsim.world.towns.plan import LANE_M, Street
 
 WALK_M = 3.0
