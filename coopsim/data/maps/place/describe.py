@@ -42,7 +42,8 @@ def describe_place(streets: StreetMap, seed: int) -> PlaceDescription:
     nodes = _nodes(strips)
     order = sorted(strips.all.values(), key=lambda each: float(exact.norm(each.line[:, :2].mean(axis=0))))
     side = "left" if streets.left_hand else "right"
-    known = {each.id: each.traffic_per_h for each in (*streets.lanes.values(), *streets.ways.values())}
+    known = {name: lane.traffic_per_h for name, lane in streets.lanes.items()}
+    known |= {name: way.traffic_per_h for name, way in streets.ways.items()}
     roads = [replace(_lane(each, strips), traffic_per_h=known.get(each.name.rstrip("~"))) for each in order]
     loops = _loops(strips, 1 if side == "right" else -1)
     return PlaceDescription(
