@@ -19,12 +19,12 @@ from representatives import all_of
 from coopsim.data.maps.export.opendrive.document import opendrive_text
 from coopsim.data.maps.export.town_network import TownNetwork, town_network
 from coopsim.data.maps.reading import read_map
-from coopsim.data.maps.street_map import StreetMap, StreetWay
+from coopsim.data.maps.street_map import StreetLane, StreetMap, StreetWay
+from coopsim.geometry.outlines import distances_to_lines
 from coopsim.geometry.se3 import Floats
 from coopsim.world.custom.conflicts import middle_line
 from coopsim.world.drawn_options import TownOptions
 from coopsim.world.places.description import MapPhase, MapSignal
-from coopsim.world.towns.geometry import distances_to_lines
 
 SEEDS = all_of(map(str, range(10)), "2", "3")
 """Seed 2 has a roundabout, seed 3 streets whose lanes split and join."""
@@ -44,6 +44,22 @@ def reread(town: TownNetwork) -> StreetMap:
         path = Path(folder, "town.xodr")
         path.write_text(opendrive_text(town), encoding="utf-8")
         return read_map(path)
+
+
+def test_a_town_on_the_left_is_that_on_the_right_in_a_mirror() -> None:
+    right, left = reread(town_of(3)), reread(town_network(3, TownOptions(traffic_side="left")))
+    assert (right.left_hand, left.left_hand) == (False, True)
+    ends = [
+        np.sort(
+            np.array([lane.line[[0, -1], :2].ravel() for lane in streets.lanes.values() if lane.kind == "drive"]), 0
+        )
+        for streets in (right, replace(left, lanes={k: _mirrored(lane) for k, lane in left.lanes.items()}))
+    ]
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)
+
+
+def _mirrored(lane: StreetLane) -> StreetLane:
+    return replace(lane, line=lane.line * [1.0, -1.0, 1.0])
 
 
 def away_m(points: Floats, lines: Iterable[Floats]) -> Floats:
