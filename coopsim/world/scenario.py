@@ -50,7 +50,7 @@ class Played(Protocol):
 
     Attributes:
         over_s: time at which the episode is over.
-        facts: what it is, for `infos`.
+        facts: facts about it for `infos`, by name.
     """
 
     @property

@@ -45,7 +45,7 @@ class Columns:
     """Columns of a file's N rows; those that are None are filled.
 
     Attributes:
-        where: what a row is called in a message, such as "row", and the number of the first.
+        where: word for a row in a message, such as "row", and the number of the first.
         time_s: (N,) time.
         id: (N,) track of each row: numbers or texts.
         label: (N,) `ObjectClass`; -1: no road user, its rows are left out.

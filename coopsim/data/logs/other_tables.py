@@ -38,7 +38,7 @@ def interaction_columns(table: Table, case: int | None = None) -> Columns:
 
     Args:
         table: the table.
-        case: which of its cases; None: the first.
+        case: number of the case that is read; None: the first.
 
     Raises:
         LogFileError: a column is missing or broken, or there is no such case.

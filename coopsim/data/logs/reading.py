@@ -38,11 +38,11 @@ def read_log(path: str | Path, part: str | None = None) -> TrackLog:
 
     Args:
         path: a file, or a folder of recordings.
-        part: of what holds several: the case of INTERACTION, or the sequence of a folder; None: the first.
+        part: case of a table of INTERACTION, or sequence of a folder; None: the first.
 
     Raises:
         LogFileError: the file is missing, broken or of another format; names the row and its id.
-        RecordingError: the same, of a folder.
+        RecordingError: a folder has no known format, or a file in it is missing or broken.
     """
     file = Path(path)
     if file.is_dir():

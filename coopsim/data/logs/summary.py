@@ -1,4 +1,4 @@
-"""What is in a log: lines for people, and the log as a plain table."""
+"""Descriptions of logs: lines for people, and plain tables."""
 
 from __future__ import annotations
 

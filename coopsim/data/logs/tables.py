@@ -29,7 +29,7 @@ class Table:
         path: the file.
         names: names of its columns.
         rows: number of rows.
-        first_line: what the first row is called in a message: "line" and its number, or "row".
+        first_line: word for a row in a message, "line" or "row", and the number of the first.
 
     Raises:
         LogFileError: the file is missing, no such table, cut off or too large.

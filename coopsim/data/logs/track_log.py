@@ -60,7 +60,7 @@ class TrackLog:
         velocity: (N, 2) m/s.
         step_s: time between two rows of a track, as most are.
         owner: track of the car that recorded the log; None: none did, or the file does not say.
-        filled: what the file lacks, and the rule by which it was filled: a line each.
+        filled: lines that say each what the file lacks, and by which rule it was filled.
         left_out: numbers of rows or tracks that were not read, by what they are.
     """
 
@@ -96,7 +96,7 @@ class TrackLog:
 
     @cached_property
     def gap(self) -> NDArray[np.bool_]:
-        """Whether (N,) the row after is of the same track, but so much later that the road user was lost meanwhile."""
+        """Flags (N,) of rows after which the track goes on, but so late that the road user was lost meanwhile."""
         later = np.zeros(len(self.time_s), bool)
         pause = np.diff(self.time_s)
         later[:-1] = (pause > GAP_STEPS * self.step_s) & (self.track[1:] == self.track[:-1])

@@ -144,7 +144,7 @@ def read_starts(path: Path) -> Iterator[Start]:
     For files of millions of small elements: no element is made of them.
 
     Raises:
-        MapFileError: as `read_elements`.
+        MapFileError: the file is one that `read_elements` refuses.
     """
     yield from _parsed(path, _Starts(str(path)))
 

@@ -1,4 +1,4 @@
-"""What long vehicles sweep on curved movements, and which movements conflict for them alone.
+"""Ground that long vehicles sweep on curved movements, and movements that conflict for them alone.
 
 Buses lead their front axle along the lane: their rear cuts inside, and their front swings out. Trucks lead their middle
 along it: both ends swing out.

@@ -1,4 +1,4 @@
-"""Which part of a log an episode plays, and which of its cars are connected."""
+"""Choice of the part of a log that an episode plays, and of the cars that are connected."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Choice:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wish:
-    """What an episode needs.
+    """Needs of an episode.
 
     Attributes:
         connected: number of connected cars.

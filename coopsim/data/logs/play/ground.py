@@ -1,4 +1,4 @@
-"""What stands around a log: a place of a map, or flat ground on which the ways of the log's road users are shown."""
+"""Surroundings of a log: a place of a map, or flat ground on which the ways of the log's vehicles are shown."""
 
 from __future__ import annotations
 

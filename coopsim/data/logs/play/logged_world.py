@@ -26,7 +26,7 @@ class LoggedWorld:
         log: the part that is played, in the world's frame.
         start_s: time in the log at which the episode begins.
         connected: tracks of the connected cars, in the agents' order.
-        scenario: what stands around, roadside units and drones.
+        scenario: the surroundings, roadside units and drones.
         seed: the episode's: models and colours.
     """
 

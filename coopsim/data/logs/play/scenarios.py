@@ -41,7 +41,7 @@ class LogOptions:
         least_s: time for which all connected cars must be there. An episode ends when the first of them leaves.
         around: middle of the place (x, y) in the log's plane, m, also as a text "X,Y"; None: the first connected car's.
         radius_m: radius of the place, 60 to 600 m; road users beyond are left out.
-        part: of a file with several logs: the case of INTERACTION; None: the first.
+        part: case of a table of INTERACTION; None: the first.
     """
 
     map: str | Path | None = None

@@ -1,4 +1,4 @@
-"""What stands and lies beside the lanes of a place: crosswalks, bays, buildings, walls, trees and furniture."""
+"""Bodies beside the lanes of a place: crosswalks, bays, buildings, walls, trees and furniture."""
 
 from __future__ import annotations
 

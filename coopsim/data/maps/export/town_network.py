@@ -80,7 +80,7 @@ class TownNetwork:
     """Roads of a drawn town.
 
     Attributes:
-        name: of the place.
+        name: name of the place.
         plan: streets and junctions, neither turned nor mirrored.
         description: all that the place has.
         lanes: its lanes.

@@ -1,4 +1,4 @@
-"""What is beside roads, without what would stand in the way: some lanes of a place are not quite those of the map."""
+"""Clear ways: nothing may stand on lanes of a place that are not quite those of the map."""
 
 from __future__ import annotations
 

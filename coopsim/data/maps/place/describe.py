@@ -1,4 +1,4 @@
-"""From a map that is cut out to the description of a place."""
+"""Description of a place, from a map that is cut out."""
 
 from __future__ import annotations
 

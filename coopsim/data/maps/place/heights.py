@@ -1,4 +1,4 @@
-"""From the heights of a map's lanes to those of a place's ground."""
+"""Heights of a place's ground, from those of a map's lanes."""
 
 from __future__ import annotations
 

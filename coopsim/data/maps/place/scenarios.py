@@ -81,7 +81,7 @@ def as_point(given: Any) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class _Needs:
-    """What a place must have for the agents: starts, and places for roadside units."""
+    """Needs of the agents: starts, and places for roadside units."""
 
     starts: int
     rsus: int

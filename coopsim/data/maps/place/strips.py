@@ -42,7 +42,7 @@ class Strip:
     """A lane or a way.
 
     Attributes:
-        name: of the lane or way; a join's ends in "~".
+        name: name of the lane or way; a join's ends in "~".
         start: node.
         end: node.
         line: middle (K, 3) m.

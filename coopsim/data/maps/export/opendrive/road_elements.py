@@ -14,7 +14,7 @@ _TYPES = {"median": "median", "drive": "driving", "park": "parking", "walk": "si
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """What lies before or behind a road.
+    """A neighbour before or behind a road.
 
     Attributes:
         kind: "road" or "junction".
@@ -40,8 +40,8 @@ class RoadElement:
         sections: cross-sections.
         offset_m: from the reference line to the border between both directions, to the left.
         speed_m_s: limit.
-        before: what its beginning is linked to.
-        behind: what its end is linked to.
+        before: neighbour at its beginning.
+        behind: neighbour at its end.
         junction: number of the junction that it crosses; -1: none.
         marks: type of the mark between both directions.
     """
