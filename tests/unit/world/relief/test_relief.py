@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from coopsim.geometry.se3 import SE3
+from coopsim.geometry.se3 import SE3, Floats
 from coopsim.world.places.relief import Relief, drape
 
 SLOPE = np.array([[[0.0, 0.0, 0.0], [40.0, 0.0, 4.0], [40.0, 30.0, 4.0]], [[0, 0, 0], [40, 30, 4], [0, 30, 0]]])
@@ -41,10 +41,21 @@ ROOF = np.array(
 )
 
 
+def _at(z_m: float, flat: Floats) -> Floats:
+    """Return triangles (N, 3, 3) at a height over those in the plane (N, 3, 2)."""
+    return np.concatenate([flat, np.full((*flat.shape[:2], 1), z_m)], axis=2)
+
+
+def test_what_is_over_the_ground_stays_as_far_over_it() -> None:
+    flat, grid = np.array([[[2.0, 1.0], [9.0, 2.0], [5.0, 7.0]]]), Relief(ROOF).grid
+    low, high = drape(_at(0.0, flat), grid), drape(_at(0.3, flat), grid)
+    np.testing.assert_allclose(high - low, np.broadcast_to([0.0, 0.0, 0.3], low.shape), atol=1e-12)
+
+
 def test_draped_triangles_are_as_high_as_the_ground() -> None:
     relief = Relief(ROOF)
     flat = np.array([[[2.0, 1.0], [9.0, 2.0], [5.0, 7.0]], [[15.0, -3.0], [30.0, 3.0], [18.0, 12.0]]])
-    laid = drape(flat, relief.grid)
+    laid = drape(_at(0.0, flat), relief.grid)
     places = np.random.default_rng(1).uniform([-2.0, -4.0], [32.0, 13.0], (3000, 2))
     covered = Relief(np.column_stack([flat.reshape(-1, 2), np.ones(6)])).heights(places) > 0
     assert 300 < covered.sum() < 2500
@@ -54,6 +65,6 @@ def test_draped_triangles_are_as_high_as_the_ground() -> None:
 
 def test_many_surfaces_below_one_triangle() -> None:
     tiles = [ROOF[:1] / [20, 4, 1] + [x, y, 0] for x in range(30) for y in range(30)]
-    laid = drape(np.array([[[0.0, 0.0], [30.0, 0.0], [0.0, 30.0]]]), Relief(np.concatenate(tiles)).grid)
+    laid = drape(_at(0.0, np.array([[[0.0, 0.0], [30.0, 0.0], [0.0, 30.0]]])), Relief(np.concatenate(tiles)).grid)
     assert len(laid) > 400
-    assert drape(np.zeros((0, 3, 2)), Relief(ROOF).grid).shape == (0, 3, 3)
+    assert drape(np.zeros((0, 3, 3)), Relief(ROOF).grid).shape == (0, 3, 3)
