@@ -73,8 +73,9 @@ class Round:
     along_m: Floats
 
     def parts(self, *kinds: int) -> list[tuple[Side, Ints]]:
-        """Return the sides of some kinds, each with the indices (K,) of its points."""
-        return [(side, np.flatnonzero(self.side == k)) for k, side in enumerate(self.sides) if side.kind in kinds]
+        """Return the sides of some kinds that have points, each with the indices (K,) of these."""
+        found = [(side, np.flatnonzero(self.side == k)) for k, side in enumerate(self.sides) if side.kind in kinds]
+        return [(side, index) for side, index in found if len(index)]
 
     def offset(self, away_m: float) -> Floats:
         """Return places (N, 2) m, `away_m` to the right of the parking strip."""

@@ -36,10 +36,7 @@ def bays(streets: StreetMap, roads: Roads, taken: TakenGround) -> tuple[MapBay, 
         return ()
     middles = roads.field.of(driven_middles(streets))
     for place, heading in spots:
-        ahead = np.array([exact.cos(heading), exact.sin(heading)])
-        left = np.array([-ahead[1], ahead[0]])
-        corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * _VEHICLE_M / 2
-        outline = place + corners[:, :1] * ahead + corners[:, 1:] * left
+        outline = vehicle_at(place, heading)
         short_m = max(_SIDE_M - middles.at(outline).min(), _MIDDLE_M - middles.at(place[None])[0], 0.0)
         moved = short_m * middles.away(place[None])[0]
         if (
@@ -49,6 +46,14 @@ def bays(streets: StreetMap, roads: Roads, taken: TakenGround) -> tuple[MapBay, 
         ):
             found.append(MapBay(point_of(place + moved), float(np.degrees(heading))))
     return tuple(found)
+
+
+def vehicle_at(place: Floats, heading: float) -> Floats:
+    """Return the outline (4, 2) m of the largest vehicle that may park at a place (2,), with a heading in rad."""
+    ahead = np.array([exact.cos(heading), exact.sin(heading)])
+    left = np.array([-ahead[1], ahead[0]])
+    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * _VEHICLE_M / 2
+    return np.asarray(place + corners[:, :1] * ahead + corners[:, 1:] * left)
 
 
 def _is_off(outline: Floats, place: Floats, middles: Field) -> bool:

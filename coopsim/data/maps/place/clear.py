@@ -8,15 +8,19 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
+from coopsim.data.maps.dress.spots import vehicle_at
 from coopsim.data.maps.place.lines import spaced
 from coopsim.data.maps.place.strips import Strip
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
-from coopsim.world.places.description import MapArea, MapLane
+from coopsim.world.places.description import MapArea, MapBay, MapLane
 from coopsim.world.places.streets import turning_loop
 
-_LEAST_M = {"buildings": 2.3, "walls": 2.3, "trees": 2.3, "rsus": 2.3, "parked": 3.3, "paved": 0.8}
-"""Least distances from the middles of lanes, by the field of a description; somewhat more than places accept."""
+_LEAST_M = {"buildings": 2.3, "walls": 2.3, "trees": 2.3, "rsus": 2.3, "parked": 2.05, "paved": 0.8}
+"""Least distances from the middles of lanes, by the field of a description; somewhat more than places accept.
+
+Those of parked vehicles are to their sides.
+"""
 
 _STEP_M = 0.6
 _SIDE_M = 3.5  # from the middle of a loop's lanes to what stands there
@@ -60,11 +64,14 @@ def loop_ground(start: Floats, end: Floats, side_m: float) -> Floats:
 
 
 def _points(part: Any) -> Floats:
-    """Return points (N, 2) of a part: its place, or along its line or outline."""
+    """Return points (N, 2) of a part: its place, or along its line, its outline or that of its vehicle."""
     line = getattr(part, "outline", None) or getattr(part, "along", None)
-    if not line:
+    if isinstance(part, MapBay):
+        points = vehicle_at(np.array(part.at), float(np.radians(part.heading_deg)))
+    elif not line:
         return np.array([part.at], dtype=np.float64)
-    points = np.array(line, dtype=np.float64)
+    else:
+        points = np.array(line, dtype=np.float64)
     if isinstance(part, MapArea):  # there are thousands, and they are small
         return points
     return spaced(np.vstack([points, points[:1]]), _STEP_M)[:, :2]

@@ -215,9 +215,20 @@ class MapScenarios(EpisodeScenarios):
             raise InvalidValueError("penetration needs vehicles in places of a map: the agents must be the same in all")
         most = self._wanted(_USUAL)
         self._needs = _Needs(3 * most.connected, most.rsus)
+        self._find_first("rsus" in numbers)
         self.most_actors = sum(most.on_roads.values()) + sum(most.people.values()) + most.parked
         self.most_actors += MOST_BYSTANDERS if self._detail == "street" else 0
-        self.of(0)
+
+    def _find_first(self, units_asked: bool) -> None:
+        """Require a place for the first episode; without units if none was asked for, and no place has room for one."""
+        try:
+            self.of(0)
+        except InvalidValueError:
+            if units_asked:
+                raise
+            self._asked["rsus"] = 0
+            self._needs = replace(self._needs, rsus=0)
+            self.of(0)
 
     def of(self, seed: int) -> Scenario:
         """Return the scenario of the place that belongs to the episode with this seed."""

@@ -10,16 +10,18 @@ import numpy as np
 import pytest
 from tiny_maps import SUMO, THREE_ROADS, written
 
+from coopsim.data.maps.place.clear import clear_of_roads
 from coopsim.data.maps.place.cut import cut_out
 from coopsim.data.maps.place.describe import describe_place
 from coopsim.data.maps.place.lines import rounded, simplified, turns_rad
 from coopsim.data.maps.place.rights import add_yields
-from coopsim.data.maps.place.strips import strips_of
+from coopsim.data.maps.place.strips import Strip, strips_of
 from coopsim.data.maps.reading import read_map
 from coopsim.data.maps.street_map import SignalProgram, StreetJunction, StreetLane, StreetMap, StreetWay, Turn
 from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.world.custom.conflicts import conflicting_roads
 from coopsim.world.drawn_places import choose_scenarios, find_drawer, is_place_file
+from coopsim.world.places.description import MapBay, MapLane
 from coopsim.world.places.polyline import PolylineLane
 from coopsim.world.places.road_network import RoadNetwork
 
@@ -159,6 +161,25 @@ def test_a_map_is_a_scenario_by_its_path(tmp_path: Path) -> None:
     assert one.description == again.description and one.place_seed == 3
     assert one.description is not None and two.description is not None
     assert one.description.roads == two.description.roads and one.description.cut
+
+
+def test_a_map_without_a_place_for_a_unit_has_none_unless_asked_for(tmp_path: Path) -> None:
+    path = str(written(tmp_path, THREE_ROADS, "map.xodr"))
+    options = {"around": (110.0, -5.0), "radius_m": 90.0, "connected_cars": 1, "vehicles": 3, "detail": "plain"}
+    scenarios = choose_scenarios(path, **options)  # type: ignore[arg-type]
+    assert scenarios.of(3).population.rsus == 0
+    with pytest.raises(InvalidValueError, match="less than 1 places for roadside units"):
+        choose_scenarios(path, rsus=1, **options)  # type: ignore[arg-type]
+
+
+def test_what_would_stand_on_lanes_or_loops_is_left_out() -> None:
+    strips = [Strip("a", "s", "e", np.array([[0.0, 0, 0], [100, 0, 0]]), np.full(2, 3.5), None)]
+    nodes = {"e": (100.0, 0.0), "s": (100.0, 5.0)}
+    across, along = MapBay((50.0, 4.0), 90.0), MapBay((50.0, -3.4), 0.0)
+    in_loop, beyond = MapBay((135.0, 2.5), 0.0), MapBay((140.0, 2.5), 0.0)
+    fields = {"parked": (across, along, in_loop, beyond)}
+    found = clear_of_roads(fields, strips, [MapLane("e", "s", turn="around")], nodes)
+    assert found["parked"] == (along, beyond)
 
 
 @pytest.mark.parametrize(
