@@ -90,7 +90,7 @@ def survey(path: str, options: argparse.Namespace) -> dict[str, Any]:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                asked = {"vehicles": options.vehicles} if options.vehicles else {}
+                asked = {name: value for name in ("vehicles", "demand") if (value := getattr(options, name))}
                 scenarios = choose_scenarios(
                     path, detail="plain", place_seed=place, radius_m=options.radius_m, connected_cars=3, **asked
                 )
@@ -122,6 +122,7 @@ def main() -> None:
     add("--seconds", type=float, default=300.0)
     add("--vehicles", type=int, default=40)
     add("--radius-m", type=float, default=250.0)
+    add("--demand", help="file of SUMO's demand for the maps (.rou.xml)")
     add("--tell", action="store_true", help="also print where vehicles crashed or stood")
     options = parser.parse_args()
     rows = [survey(path, options) for path in options.maps]

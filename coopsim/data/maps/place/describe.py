@@ -9,6 +9,7 @@ import numpy as np
 
 from coopsim.config.annotated import Point
 from coopsim.data.maps.dress.surroundings import surroundings_of
+from coopsim.data.maps.place.bends import part_bends
 from coopsim.data.maps.place.clear import clear_of_roads, loop_ground
 from coopsim.data.maps.place.heights import heights_of
 from coopsim.data.maps.place.lights import signals_of
@@ -37,6 +38,7 @@ def describe_place(streets: StreetMap, seed: int) -> PlaceDescription:
     """
     beside = surroundings_of(streets, seed)
     strips = strips_of(streets)
+    part_bends(strips, streets.lanes)
     ways = [each for each in strips.all.values() if each.way is not None]
     add_yields(streets, ways)
     nodes = _nodes(strips)

@@ -34,6 +34,7 @@ _JOIN_M, _APART_M = 30.0, 45.0  # of lanes that join: the last metres, where lan
 _BESIDE_M = 8.0  # between the ends of lanes beside each other
 _SHIFT = 10.0  # metres ahead for each metre aside, where a lane opens or closes
 _SHARP_RAD, _KINK_RAD, _AHEAD_M = np.radians(35.0), np.radians(44.0), 2.0
+_TIGHT_M = 3.5  # ways that turn more tightly are left out where one to the next lane does not
 _NEAR_M, _STEP_M = 2.5, 1.0  # ways over a junction that come nearer than this conflict
 
 
@@ -110,11 +111,15 @@ def strips_of(streets: StreetMap) -> Strips:
         found.all[lane.id] = Strip(
             lane.id, *ends, lane.line, lane.width_m, lane.speed_m_s, left=lane.left, right=lane.right
         )
-    for way in streets.ways.values():
-        if way.turn != "around":
+    bent = {way.id: _bent(way, streets) for way in streets.ways.values() if way.turn != "around"}
+    tight = {name for name in bent if _radius_m(bent[name][0]) < _TIGHT_M}
+    for name, (line, width_m) in bent.items():
+        way = streets.ways[name]
+        beside = streets.lanes[way.end].left, streets.lanes[way.end].right
+        others = [streets.ways[other] for other in bent.keys() - tight]
+        if name not in tight or not any(each.start == way.start and each.end in beside for each in others):
             ends = nodes[way.start, 1], nodes[way.end, 0]
-            line, width_m = _bent(way, streets)
-            found.all[way.id] = Strip(way.id, *ends, line, width_m, way.speed_m_s, way)
+            found.all[name] = Strip(name, *ends, line, width_m, way.speed_m_s, way)
     _open_and_close(found)
     _chain(found)
     _contract(found)
@@ -137,6 +142,11 @@ def _bent(way: StreetWay, streets: StreetMap) -> tuple[Floats, Floats]:
         return line, width_m
     line = curve_between(start[1], start[1] - start[0], end[0], end[1] - end[0])
     return line, np.linspace(width_m[0], width_m[-1], len(line))
+
+
+def _radius_m(line: Floats) -> float:
+    """Return the mean radius of a line's turn."""
+    return float(along_of(line)[-1]) / max(turn_rad(line[:2], line[-2:]), 1e-6)
 
 
 def _near(lane: StreetLane, end: int) -> tuple[float, float]:

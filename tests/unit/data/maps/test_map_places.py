@@ -206,3 +206,19 @@ def test_oncoming_vehicles_take_turns_in_a_narrow_bend(radius_m: float, meet: bo
         bend = radius * np.column_stack([np.cos(angle), np.sin(angle)])
         network.add_lane(f"{name} a", f"{name} b", PolylineLane(bend[::flip]))
     assert len(conflicting_roads(network)) == (2 if meet else 0)
+
+
+def test_a_turn_that_no_vehicle_can_make_is_left_out_where_one_to_the_next_lane_is_wider() -> None:
+    lanes = (
+        lane("in", (-60, 0), (0, 0)),
+        lane("near", (0, 5), (-60, 5), right="far"),
+        lane("far", (0, 12), (-60, 12), left="near"),
+    )
+    back = [way("in", "near", "left", (0, 0), (2.5, 2.5), (0, 5)), way("in", "far", "left", (0, 0), (6, 6), (0, 12))]
+    for kept in (back, back[:1]):
+        streets = replace(
+            map_of(*lanes), ways={each.id: each for each in kept}, junctions={"j": StreetJunction("j", "")}
+        )
+        strips = strips_of(streets).all
+        assert [name for name in strips if ">" in name] == [kept[-1].id], "that alone leads there: it is kept"
+        assert strips["near"].start == strips[kept[-1].id].end, "its lane begins in the other"
