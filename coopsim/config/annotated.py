@@ -109,10 +109,23 @@ def _read_checked(rule: Checked | OneOf | AtLeast, entry: Entry) -> Any:
 
 def plain_of(value: Any) -> Any:
     """Return plain data from which an equal value is read; fields with their default values are left out."""
-    if is_dataclass(value) and not isinstance(value, type):
-        found = {name: (getattr(value, key.field), key) for name, key in keys_of(type(value)).items()}
-        defaults = {each.name: each.default for each in fields(value)}
-        return {name: plain_of(own) for name, (own, key) in found.items() if own != defaults[key.field]}
+    if type(value) in _PLAIN:  # places have a hundred thousand of them
+        return value
+    if isinstance(value, (tuple, list)):
+        return [each if type(each) in _PLAIN else plain_of(each) for each in value]
     if isinstance(value, Mapping):
         return {name: plain_of(item) for name, item in value.items()}
-    return [plain_of(item) for item in value] if isinstance(value, (tuple, list)) else value
+    if not is_dataclass(value) or isinstance(value, type):
+        return value
+    found = ((name, getattr(value, field), default) for name, field, default in _defaults_of(type(value)))
+    return {name: plain_of(own) for name, own, default in found if own != default}
+
+
+_PLAIN = frozenset({float, int, bool, str, type(None)})
+
+
+@cache
+def _defaults_of(kind: type[Any]) -> tuple[tuple[str, str, Any], ...]:
+    """Return the key, the field and the default value of each field of a dataclass."""
+    defaults = {each.name: each.default for each in fields(kind)}
+    return tuple((name, key.field, defaults[key.field]) for name, key in keys_of(kind).items())

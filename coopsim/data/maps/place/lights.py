@@ -105,7 +105,10 @@ def _length_m(crossing: StreetCrossing) -> float:
 def _over(crossing: StreetCrossing, lines: Sequence[Floats]) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Return the numbers of ways, of points (N, 2), that go over a crossing as they enter, and as they leave."""
     points, entered, left = spaced(crossing.line, 1.0)[:, :2], list[int](), list[int]()
+    low, high = points.min(axis=0) - _OVER_M, points.max(axis=0) + _OVER_M
     for number, line in enumerate(lines):
+        if (line.max(axis=0) < low).any() or (line.min(axis=0) > high).any():
+            continue
         apart_m = exact.norm(line[:, None] - points[None]).min(axis=1)
         if apart_m.min() < _OVER_M:
             (entered if int(np.argmin(apart_m)) < len(line) / 2 else left).append(number)

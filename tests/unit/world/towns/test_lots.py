@@ -25,7 +25,7 @@ def test_clip_of_what_is_before_the_line_is_nothing():
 
 def test_lots_and_trees_stand_along_lines_with_points_far_apart():
     line = np.array([[0.0, 0.0], [400.0, 0.0], [400.0, -10.0]])
-    ground = Streetside(1, (line + [0, 4.0],), (line,), (), TakenGround(), TakenGround())
+    ground = Streetside(1, (line + np.array([0.0, 4.0]),), (line,), (), TakenGround(), TakenGround())
     drawn = LOTS.get("town")(ground)
     corners = np.concatenate([building.outline for building in drawn["buildings"]])
     assert corners[:, 0].min() < 60 and corners[:, 0].max() > 340
