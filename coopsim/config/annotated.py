@@ -125,7 +125,7 @@ _PLAIN = frozenset({float, int, bool, str, type(None)})
 
 
 @cache
-def _defaults_of(kind: type[Any]) -> tuple[tuple[str, str, Any], ...]:
+def _defaults_of(kind: Any) -> tuple[tuple[str, str, Any], ...]:
     """Return the key, the field and the default value of each field of a dataclass."""
     defaults = {each.name: each.default for each in fields(kind)}
     return tuple((name, key.field, defaults[key.field]) for name, key in keys_of(kind).items())

@@ -7,12 +7,11 @@ import numpy as np
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints, Mask
-from coopsim.world.places.polyline import PolylineLane
+from coopsim.world.places.polyline import BEND_M, LONGEST_M, PolylineLane
 from coopsim.world.places.road_network import Lane, Road, RoadNetwork
 
-BEND_M, BESIDE_M, LONGEST_M = 20.0, 4.2, 40.0
-"""Two lanes with bends of less than this radius, as maps have them, conflict where they lie nearer than that: long
-vehicles need both. Longer lanes do not: vehicles wait at their beginning, far from the bend."""
+BESIDE_M = 4.2
+"""Two lanes with narrow bends conflict where they lie nearer than that: long vehicles need both."""
 
 CHORD_M = 1.0
 """Longest chord of an arc: 2 cm from it at a radius of 6 m."""

@@ -45,6 +45,11 @@ class Corner(Protocol):
 CORNER = dtype_of(Corner)
 
 
+BEND_M, LONGEST_M = 20.0, 40.0
+"""Radius below which a bend is narrow, and length from which a lane is too long for vehicles to wait before it for
+what comes in its bend."""
+
+
 class PolylineLane(Lane):
     """A lane along points (K, 2) m, no two in a row the same.
 

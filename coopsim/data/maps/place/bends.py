@@ -9,7 +9,7 @@ import numpy as np
 from coopsim.data.maps.place.lines import along_of, part_of, spaced
 from coopsim.data.maps.place.strips import Strip, Strips
 from coopsim.geometry import exact
-from coopsim.world.custom.conflicts import BEND_M, LONGEST_M
+from coopsim.world.places.polyline import BEND_M, LONGEST_M
 
 _STEP_M, _STEPS = 1.0, 6  # the radius of a bend counts over so many steps
 _BESIDE_M = 5.0  # before and behind a bend long vehicles reach as far
