@@ -51,7 +51,7 @@ def test_a_check_names_file_and_field_and_fails(tmp_path, capsys):
         (["export", "opv2v", "crosing", "--out", "x"], "Did you mean 'crossing"),
         (["export", "opv2v", "none.yaml", "--out", "x"], "none.yaml"),
         (["export", "opv2v", "replay", "--out", "x"], "a replay has no sensors"),
-        (["export", "opv2v", "crossing", "--out", "x", "--seed", "1"], "Did you mean --seeds"),
+        (["export", "opv2v", "crossing", "--out", "x", "--seed", "1"], "opv2v takes --seeds"),
         (["export", "opv2v", "crossing", "--out", "x", "--seeds", "4-1"], "must be integers >= 0"),
         (["export", "opv2v", "crossing", "--out", "x", "--frames", "0"], "must be an integer >= 1"),
         (["export", "opv2v", "crossing", "--out", "x", "--option", "camera=front"], "Did you mean 'cameras'"),
