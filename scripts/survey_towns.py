@@ -186,7 +186,9 @@ def run(arguments: argparse.Namespace) -> dict[int, Row]:
         made, job["numbers"] = survey_scenario, arguments.numbers
         wanted = {f"{name} {seed}": (name, seed) for name in arguments.scenarios for seed in arguments.seeds}
     else:
-        options = TownOptions(arguments.junctions, arguments.openness, arguments.lanes, arguments.traffic_side)
+        options = TownOptions(
+            arguments.junctions, arguments.openness, arguments.lanes, traffic_side=arguments.traffic_side
+        )
         job = {"options": options, "density": arguments.density, **job}
     settings = str(job)
     rows = read_rows(arguments.out, settings)
