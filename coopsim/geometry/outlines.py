@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import Ints, Mask
 from coopsim.support.kernels import njit
@@ -11,6 +12,11 @@ from coopsim.support.kernels import njit
 _SAME_M2 = 1e-9
 """Points are equally far from a line if squares of their distances differ by less, m^2: processors round differently,
 and no two of them may choose different points."""
+
+
+def along_of(line: Floats) -> Floats:
+    """Return the distance (K,) of each corner from the start of a line (K, 2 or more) in the plane, m."""
+    return np.concatenate([[0.0], np.cumsum(exact.norm(np.diff(line[:, :2], axis=0)))])
 
 
 @njit(cache=True, nogil=True)

@@ -106,10 +106,7 @@ class World:
         self._groups = {PERSON_ID * k: people for k, people in enumerate(groups, start=1) if len(people)}  # by first id
         self.conflict_ids: tuple[int, ...] = () if script is None else self._conflict_ids(script)
         self._time_s = 0.0
-        self._flights = layout.flights[: population.drones]
-        self._units = layout.rsus[: population.rsus]
-        self._unit_height_m = layout.rsu_height_m
-        self._relief = layout.relief
+        self._layout, self._posts = layout, (population.rsus, population.drones)
         numbers = {model.name: k for k, model in enumerate(self.models)}
         resting = layout.bystanders if scenario.detail == "street" else ()
         self._resting_model = np.array([numbers[each.model] for each in resting], dtype=np.int64)
@@ -162,7 +159,7 @@ class World:
         runs = [(first, len(each)) for first, each in groups.items()] + [(BYSTANDER_ID, len(resting))]
         identity = np.concatenate([fleet.rows["id"], *(first + np.arange(count) for first, count in runs)])
         middle = np.empty((len(ground), 3))
-        middle[:, :2], middle[:, 2] = ground, self._heights(ground) + size[:, 2] / 2
+        middle[:, :2], middle[:, 2] = ground, self._layout.heights(ground) + size[:, 2] / 2
         # Only people, on foot and riding, have cycles of poses.
         walked_m = [people.travelled_m for people in groups.values()]
         travelled_m = np.concatenate([np.zeros(len(fleet.rows)), *walked_m, np.zeros(len(resting))])
@@ -177,10 +174,6 @@ class World:
             accent=accent,
             phase=np.mod(travelled_m / self._cycles_m[model] + start, 1.0),
         )
-
-    def _heights(self, points: Floats) -> Floats:
-        """Return the heights (N,) m of the ground at points (N, 2) m."""
-        return np.zeros(len(points)) if self._relief is None else self._relief.heights(points)
 
     def _drawn_for(self, identity: Ints, label: Ints) -> tuple[Colors, Colors, Floats]:
         """Return first and second colours and phases of actors: each starts at a phase of its own."""
@@ -197,17 +190,11 @@ class World:
         cars = {name: rows[name][connected] for name in ("id", "x", "y", "heading", "model")}
         at = np.empty((len(connected), 4))
         at[:, 0], at[:, 1], at[:, 3] = cars["x"], cars["y"], cars["heading"]
-        at[:, 2] = self._heights(at[:, :2])
+        at[:, 2] = self._layout.heights(at[:, :2])
         poses, heights_m = SE3Batch.from_xyz_yaw(at), self._sizes_m[cars["model"], 2].tolist()
         for k, (actor, height_m) in enumerate(zip(cars["id"].tolist(), heights_m, strict=True)):
             bodies[f"cav_{k}"] = AgentBody(f"cav_{k}", "cav", actor, poses[k], height_m)
-        for k, unit in enumerate(self._units):
-            bodies[f"rsu_{k}"] = AgentBody(f"rsu_{k}", "rsu", None, unit, self._unit_height_m)
-        for k, flight in enumerate(self._flights):
-            pose = flight.world_SE3_base(self._time_s)
-            pose = pose if self._relief is None else self._relief.raised(pose)
-            bodies[f"drone_{k}"] = AgentBody(f"drone_{k}", "drone", None, pose, flight.height_m)
-        return bodies
+        return bodies | self._layout.posts(*self._posts, self._time_s)
 
     @property
     def fleet(self) -> Fleet:

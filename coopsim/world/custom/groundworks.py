@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coopsim.geometry import exact
+from coopsim.geometry.outlines import along_of
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import numbered
 from coopsim.support.kernels import njit
@@ -63,10 +64,11 @@ class Groundworks:
         crown = _joined([crown_triangles(*road, self.crown) for road in crowned])
         humps = _joined([hump.triangles(Relief(crown)) for hump in self.humps])
         raised, terrain, below = layout.road_map.pavements if self.kerb_m > 0 else (), self.terrain, []
-        tops, kerbs = pavement_tops(raised, self.kerb_m), kerb_faces(raised, self.kerb_m)
+        tops = pavement_tops(raised, self.kerb_m)
+        kerbs = kerb_faces(raised, self.kerb_m, np.inf if terrain is None else CELL_M / 4)
         if terrain is not None:
             crown, humps, tops = (terrain.laid(each) for each in (crown, humps, tops))
-            kerbs, below = terrain.followed(kerb_faces(raised, self.kerb_m, CELL_M / 4)), [terrain.triangles]
+            kerbs, below = terrain.followed(kerbs), [terrain.triangles]
         road = Relief(np.concatenate([*below, crown, humps]))
         relief = Relief(np.concatenate([road.grid.triangles, tops]))
         parts = [
@@ -179,7 +181,7 @@ def _runs(line: Floats, along_m: Floats, low: Floats, high: Floats, longest: Int
     `along_m` (P,) are places on the line, `low` and `high` (P,) m the right and left edges from the line to its left,
     and `longest` (P,) the highest rank of the lanes side by side.
     """
-    at_m = np.concatenate([[0.0], np.cumsum(exact.norm(np.diff(line, axis=0), axis=1))])
+    at_m = along_of(line)
     own = longest == rank
     moved = np.maximum(np.abs(np.diff(low)), np.abs(np.diff(high))) > _SAME_M
     cut = np.flatnonzero(moved | (own[1:] != own[:-1])) + 1

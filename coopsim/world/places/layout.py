@@ -20,7 +20,7 @@ from coopsim.world.places.polyline import PolylineLane
 from coopsim.world.places.relief import Relief
 from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork
 from coopsim.world.places.signals import Signal
-from coopsim.world.snapshot import RoadMap, StaticPart
+from coopsim.world.snapshot import AgentBody, RoadMap, StaticPart
 
 LANE_M = 4.0
 """Usual width of a lane."""
@@ -225,6 +225,22 @@ class Layout:
     furnishing: tuple[StaticPart, ...] = ()
     relief: Relief | None = None
     bystanders: tuple[Bystander, ...] = ()
+
+    def heights(self, points: Floats) -> Floats:
+        """Return the heights (N,) m of the ground at points (N, 2) m."""
+        return np.zeros(len(points)) if self.relief is None else self.relief.heights(points)
+
+    def posts(self, rsus: int, drones: int, time_s: float) -> dict[str, AgentBody]:
+        """Return the bodies of the first roadside units, then those of the first drones at a time (s)."""
+        bodies = {
+            f"rsu_{k}": AgentBody(f"rsu_{k}", "rsu", None, unit, self.rsu_height_m)
+            for k, unit in enumerate(self.rsus[:rsus])
+        }
+        for k, flight in enumerate(self.flights[:drones]):
+            pose = flight.world_SE3_base(time_s)
+            pose = pose if self.relief is None else self.relief.raised(pose)
+            bodies[f"drone_{k}"] = AgentBody(f"drone_{k}", "drone", None, pose, flight.height_m)
+        return bodies
 
     @property
     def outer_side(self) -> int:

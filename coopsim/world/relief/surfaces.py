@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coopsim.geometry import exact
+from coopsim.geometry.outlines import along_of
 from coopsim.geometry.se3 import Floats
 from coopsim.world.places.relief import Relief
 
@@ -27,7 +28,7 @@ def crown_triangles(line: Floats, half_m: float, slope: float) -> Floats:
         half_m: distance from the middle to each gutter.
         slope: fall from the middle to the gutters, m per m.
     """
-    along_m = _along(line)
+    along_m = along_of(line)
     if along_m[-1] < 3 * TAPER_M:
         return np.zeros((0, 3, 3))
     normal = normals_of(line)
@@ -60,11 +61,6 @@ def _side(gutter: Floats, ridge: Floats) -> Floats:
     first = np.stack([a, b, np.where(rising, c, d)], axis=1)
     second = np.stack([np.where(rising, a, b), c, d], axis=1)
     return np.concatenate([first, second])
-
-
-def _along(line: Floats) -> Floats:
-    """Return the distance (K,) of each corner from the start of a line (K, 2)."""
-    return np.concatenate([[0.0], np.cumsum(exact.norm(np.diff(line, axis=0), axis=1))])
 
 
 def _turns(line: Floats) -> Floats:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from coopsim.geometry import exact
+from coopsim.geometry.outlines import along_of
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.world.places.streetside import LOTS, Streetside
@@ -40,7 +41,7 @@ def _rounds(lines: Sequence[Floats]) -> tuple[Round, ...]:
     """Return lines (N, 2) m as rounds whose parts are sides of streets."""
     rounds, first = list[Round](), 0
     for line in lines:
-        along_m = np.concatenate([[0.0], np.cumsum(exact.norm(np.diff(line, axis=0)))])
+        along_m = along_of(line)
         count = max(round(along_m[-1] / _STREET_M), 1)
         side = np.minimum((along_m / along_m[-1] * count).astype(np.int64), count - 1)
         side[-1] = -1  # the last point ends the last part, and begins none

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from coopsim.cli import main
-from coopsim.data.maps.export.sumo import netconvert
+from coopsim.data.maps import netconvert
 from coopsim.data.maps.reading import read_map
 
 

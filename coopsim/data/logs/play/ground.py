@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from coopsim.data.logs.track_log import TrackLog
-from coopsim.data.maps.place.cut import cut_out
-from coopsim.data.maps.place.describe import describe_place
-from coopsim.data.maps.place.scenarios import open_file
+from coopsim.data.maps.place.scenarios import open_file, place_around
 from coopsim.geometry import exact
+from coopsim.geometry.outlines import along_of
 from coopsim.geometry.se3 import Floats
 from coopsim.world.places.layout import GROUND, Layout, flat_part, flights_around, rectangle
-from coopsim.world.places.place import BUILDERS
 from coopsim.world.places.road_network import RoadNetwork
 from coopsim.world.places.streets import RSU_HEIGHT_M
 from coopsim.world.snapshot import RoadMap
@@ -27,8 +25,7 @@ def map_ground(path: str, middle: Floats, radius_m: float, seed: int) -> Layout:
         InvalidValueError: there is no road there that can be driven.
     """
     x, y = middle.tolist()
-    cut = cut_out(open_file(path).streets, (x, y), radius_m)
-    return BUILDERS.get("described")(describe_place(cut, seed), f"log at {x:g}, {y:g}").make_layout()
+    return place_around(open_file(path), (x, y), radius_m, seed).make_layout()
 
 
 def flat_ground(log: TrackLog, radius_m: float) -> Layout:
@@ -53,7 +50,7 @@ def _ways(log: TrackLog) -> list[Floats]:
     found = []
     for k in range(len(log.ids)):
         line = log.place[log.first[k] : log.first[k + 1], :2]
-        gone = np.concatenate([[0.0], np.cumsum(exact.norm(np.diff(line, axis=0)))])
+        gone = along_of(line)
         rows = np.unique(np.searchsorted(gone, np.arange(0.0, gone[-1], _STEP_M)))
         if len(rows) < 2 or log.size[k, 0] < 2.5:
             continue

@@ -77,13 +77,8 @@ class LoggedWorld:
             pose = self._pose(self._now, track)
             height_m = float(self._size[track, 2])
             bodies[f"cav_{k}"] = AgentBody(f"cav_{k}", "cav", track + 1, pose, height_m)
-        for k, unit in enumerate(self._layout.rsus[: self._population.rsus]):
-            bodies[f"rsu_{k}"] = AgentBody(f"rsu_{k}", "rsu", None, unit, self._layout.rsu_height_m)
-        for k, flight in enumerate(self._layout.flights[: self._population.drones]):
-            bodies[f"drone_{k}"] = AgentBody(
-                f"drone_{k}", "drone", None, flight.world_SE3_base(self._time_s), flight.height_m
-            )
-        return bodies
+        population = self._population
+        return bodies | self._layout.posts(population.rsus, population.drones, self._time_s)
 
     def _pose(self, now: Moment, track: int) -> SE3:
         row = int(np.searchsorted(now.track, track))
@@ -91,5 +86,4 @@ class LoggedWorld:
 
     def _on_ground(self, place: Floats) -> Floats:
         """Return places (M, 3) on the ground of the scenario, whatever height the log has."""
-        relief = self._layout.relief
-        return np.column_stack([place[:, :2], np.zeros(len(place)) if relief is None else relief.heights(place[:, :2])])
+        return np.column_stack([place[:, :2], self._layout.heights(place[:, :2])])

@@ -8,6 +8,7 @@ from coopsim.data.maps.dress.field import Field
 from coopsim.data.maps.dress.roads import Roads
 from coopsim.data.maps.street_map import DRIVEN, StreetCrossing, StreetLane, StreetMap
 from coopsim.geometry import exact
+from coopsim.geometry.outlines import along_of
 from coopsim.geometry.se3 import Floats
 
 _BEFORE_M, _WIDTH_M = 3.0, 3.0  # from a junction to the middle of a crossing, and its width
@@ -44,7 +45,7 @@ def _across(lane: StreetLane, end: int, ground: Field) -> Floats | None:
     if lane.kind not in DRIVEN or lane.length_m < _SHORTEST_M:
         return None
     line = lane.line[::-1, :2] if end else lane.line[:, :2]
-    along_m = np.concatenate([[0.0], np.cumsum(exact.norm(np.diff(line, axis=0)))])
+    along_m = along_of(line)
     middle, beyond = (np.array([np.interp(at_m, along_m, axis) for axis in line.T]) for at_m in (_BEFORE_M, 6.0))
     ahead = (beyond - middle) / max(float(exact.norm(beyond - middle)), 1e-9)
     steps_m = np.arange(0.0, _LONGEST_M, _STEP_M)

@@ -13,7 +13,7 @@ from coopsim.data.maps.dress.roads import Roads, pieces_of
 from coopsim.data.maps.dress.surfaces import area_m2
 from coopsim.data.maps.street_map import StreetCrossing, StreetMap
 from coopsim.geometry import exact
-from coopsim.geometry.outlines import keep_corners
+from coopsim.geometry.outlines import along_of, keep_corners
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints, Mask
 from coopsim.world.places.description import MapWays, point_of
@@ -182,7 +182,7 @@ def footpaths(streets: StreetMap, ground: Field, beside: list[Floats]) -> list[F
 
 def _dense(line: Floats) -> Floats:
     """Return a line (N, 2) m with more points, 1 m apart."""
-    along_m = np.concatenate([[0.0], np.cumsum(exact.norm(np.diff(line, axis=0)))])
+    along_m = along_of(line)
     at_m = np.unique(np.concatenate([along_m, np.arange(0.0, along_m[-1], _STEP_M)]))
     return np.column_stack([np.interp(at_m, along_m, axis) for axis in line.T])
 

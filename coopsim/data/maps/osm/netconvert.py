@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
 import subprocess
 from collections import Counter
-from importlib.util import find_spec
 from pathlib import Path
 
-from coopsim.errors import MapFileError, MissingDependencyError
+from coopsim.data.maps.netconvert import MOST_LETTERS, run_netconvert
+from coopsim.errors import MapFileError
 
-_INSTALL = "pip install 'coopsim[sumo]', or on Debian: apt-get install sumo"
-_LONGEST_S, _MOST_LETTERS = 300.0, 200
 _OPTIONS = {
     "proj.utm": "true",
     "geometry.remove": "true",  # nodes where nothing meets bend a road, and do not divide it
@@ -35,22 +31,6 @@ _OPTIONS = {
 _TOTAL = re.compile(r"(\d+) total messages of type: (.*)")
 
 
-def is_there() -> bool:
-    """Return whether netconvert is installed."""
-    return _home() is not None
-
-
-def _home() -> tuple[Path, dict[str, str]] | None:
-    """Return netconvert and the environment that it needs: of the package `eclipse-sumo`, else on the path; or None."""
-    package = find_spec("sumo")
-    folder = Path(next(iter(package.submodule_search_locations or ()), "")) if package is not None else Path()
-    program = folder / "bin" / "netconvert"
-    if package is not None and program.is_file():
-        return program, {**os.environ, "SUMO_HOME": str(folder)}
-    found = shutil.which("netconvert")
-    return None if found is None else (Path(found), dict(os.environ))
-
-
 def make_network(roads: Path, network: Path, left_hand: bool) -> tuple[str, ...]:
     """Write a network of SUMO from a file of roads, and return netconvert's warnings, a line for each kind.
 
@@ -58,22 +38,16 @@ def make_network(roads: Path, network: Path, left_hand: bool) -> tuple[str, ...]
         MissingDependencyError: netconvert is not there.
         MapFileError: it made no network, or took more than 300 s.
     """
-    home = _home()
-    if home is None:
-        raise MissingDependencyError(f"maps of OpenStreetMap need netconvert of SUMO: {_INSTALL}")
-    program, environment = home
     options = {**_OPTIONS, "osm-files": str(roads), "output-file": str(network), "lefthand": str(left_hand).lower()}
-    command = [str(program), *(word for name, value in options.items() for word in (f"--{name}", value))]
     try:
-        done = subprocess.run(command, env=environment, capture_output=True, timeout=_LONGEST_S, check=False)
-    except subprocess.TimeoutExpired:
-        raise MapFileError(f"netconvert took more than {_LONGEST_S:g} s; accepted: a smaller extract") from None
+        status, said = run_netconvert(options, "maps of OpenStreetMap need netconvert of SUMO")
+    except subprocess.TimeoutExpired as error:
+        raise MapFileError(f"netconvert took more than {error.timeout:g} s; accepted: a smaller extract") from None
     except OSError as error:
-        raise MapFileError(f"cannot run {program}: {error.strerror}") from None
-    said = done.stderr.decode(errors="replace").splitlines()
-    if done.returncode != 0 or not network.is_file():
+        raise MapFileError(f"cannot run {error.filename}: {error.strerror}") from None
+    if status != 0 or not network.is_file():
         errors = [line.removeprefix("Error:").strip() for line in said if line.startswith("Error:")]
-        cause = errors[0][:_MOST_LETTERS] if errors else f"it ended with {done.returncode}"
+        cause = errors[0][:MOST_LETTERS] if errors else f"it ended with {status}"
         raise MapFileError(f"netconvert makes no network of this map ({cause}); accepted: a map with roads for cars")
     return _condensed(said)
 
@@ -86,4 +60,4 @@ def _condensed(said: list[str]) -> tuple[str, ...]:
         total = _TOTAL.fullmatch(line)
         kind = total[2] if total else re.sub(r"'[^']*'|-?\d+(?:\.\d+)?", "%", line)
         counts[kind] = int(total[1]) if total else max(counts[kind], 1)
-    return tuple(f"netconvert: {kind[:_MOST_LETTERS].rstrip('.')}: {count}" for kind, count in counts.items())
+    return tuple(f"netconvert: {kind[:MOST_LETTERS].rstrip('.')}: {count}" for kind, count in counts.items())

@@ -9,7 +9,7 @@ import numpy as np
 from coopsim.data.maps.osm.content import Content, Item, Places, Tags, quantity
 from coopsim.data.maps.rectangles import circle
 from coopsim.data.maps.street_map import SolidKind, StreetArea, StreetSolid
-from coopsim.geometry import exact
+from coopsim.geometry.outlines import along_of
 from coopsim.geometry.se3 import Floats
 
 _STOREY_M = 3.0
@@ -119,6 +119,6 @@ def _along(line: Floats) -> Floats:
     """Return places (K, 3) along a line, 8 m apart."""
     if len(line) < 2:
         return line
-    along = np.concatenate([[0.0], np.cumsum(exact.norm(np.diff(line[:, :2], axis=0)))])
+    along = along_of(line)
     at = np.arange(0.0, min(along[-1], _LONGEST_ROW_M) + 1e-6, _ROW_M)
     return np.column_stack([np.interp(at, along, line[:, axis]) for axis in range(3)])

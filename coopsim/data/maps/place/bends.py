@@ -6,9 +6,10 @@ from collections.abc import Container
 
 import numpy as np
 
-from coopsim.data.maps.place.lines import along_of, part_of, spaced
+from coopsim.data.maps.place.lines import part_of, spaced
 from coopsim.data.maps.place.strips import Strip, Strips
 from coopsim.geometry import exact
+from coopsim.geometry.outlines import along_of
 from coopsim.world.places.polyline import BEND_M, LONGEST_M
 
 _STEP_M, _STEPS = 1.0, 6  # the radius of a bend counts over so many steps

@@ -10,9 +10,10 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from coopsim.data.maps.place.lines import along_of, part_of
+from coopsim.data.maps.place.lines import part_of
 from coopsim.data.maps.street_map import DRIVEN, StreetJunction, StreetLane, StreetMap, StreetSolid, StreetWay
 from coopsim.geometry import exact
+from coopsim.geometry.outlines import along_of
 from coopsim.geometry.se3 import Floats
 
 MARGIN_M = 20.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coopsim.geometry import exact
+from coopsim.geometry.outlines import along_of
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.support.kernels import njit
 from coopsim.types import Mask
@@ -19,11 +20,6 @@ _CORNER_RAD = np.radians(25.0)  # corners that are sharper are made round
 _CORNER_M = 4.0  # from a corner, at most, where the round begins
 _PULL = 0.4  # of the way between the ends, which a curve follows their directions
 _CURVE_M = 1.5
-
-
-def along_of(line: Floats) -> Floats:
-    """Return the distances (K,) along a line in the plane, m."""
-    return np.concatenate([[0.0], np.cumsum(exact.norm(np.diff(line[:, :2], axis=0)))])
 
 
 def part_of(line: Floats, values: Floats, start_m: float, end_m: float) -> tuple[Floats, Floats]:

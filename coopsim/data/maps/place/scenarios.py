@@ -171,16 +171,25 @@ def _require_near(file: _File, around: tuple[float, float]) -> None:
         )
 
 
+def place_around(file: _File, around: tuple[float, float], radius_m: float, seed: int) -> Place:
+    """Build the place of a map around a point (x, y) in the map's plane, m; `seed` decides what the map lacks.
+
+    Raises:
+        InvalidValueError: it cannot be driven.
+    """
+    cut = cut_out(file.streets, around, radius_m)
+    if not any(lane.kind in DRIVEN for lane in cut.lanes.values()):
+        raise InvalidValueError(f"no lane within radius_m={radius_m:g} of {around} leads to a junction there")
+    return BUILDERS.get("drawn")(describe_place(cut, seed), f"{file.name}-{seed}")
+
+
 def _built(file: _File, options: MapOptions, around: tuple[float, float], seed: int, needs: _Needs) -> Place:
     """Build the place around a point.
 
     Raises:
         InvalidValueError: it cannot be driven, or lacks room for the agents.
     """
-    cut = cut_out(file.streets, around, options.radius_m)
-    if not any(lane.kind in DRIVEN for lane in cut.lanes.values()):
-        raise InvalidValueError(f"no lane within radius_m={options.radius_m:g} of {around} leads to a junction there")
-    place = BUILDERS.get("drawn")(describe_place(cut, seed), f"{file.name}-{seed}")
+    place = place_around(file, around, options.radius_m, seed)
     lacking = needs.lacking(place)
     if lacking is not None:
         raise InvalidValueError(lacking)

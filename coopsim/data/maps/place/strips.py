@@ -15,7 +15,6 @@ from scipy.spatial import cKDTree
 
 from coopsim.data.maps.check import driven_lanes
 from coopsim.data.maps.place.lines import (
-    along_of,
     curve_between,
     part_of,
     rounded,
@@ -25,6 +24,7 @@ from coopsim.data.maps.place.lines import (
     turns_rad,
 )
 from coopsim.data.maps.street_map import StreetLane, StreetMap, StreetWay, Turn
+from coopsim.geometry.outlines import along_of
 from coopsim.geometry.se3 import Floats
 
 _SHORT_M = 3.0  # shorter lanes become parts of the ways that lead to them

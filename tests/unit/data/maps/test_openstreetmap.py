@@ -12,8 +12,8 @@ import pytest
 from tiny_maps import SUMO, written
 from tiny_osm import BESIDE, CROSSROADS, STREETS, node, osm, way
 
+from coopsim.data.maps import netconvert
 from coopsim.data.maps.elements import read_elements
-from coopsim.data.maps.osm import netconvert
 from coopsim.data.maps.osm.content import Content, Places, quantity
 from coopsim.data.maps.osm.projection import Utm
 from coopsim.data.maps.osm.reader import keeps_left
@@ -130,7 +130,7 @@ cat {tmp_path}/words >&2''')  # fmt: skip
 def test_failures_of_netconvert_are_one_line(
     script: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(netconvert, "_LONGEST_S", 0.2 if "sleep" in script else 20.0)
+    monkeypatch.setattr(netconvert, "LONGEST_S", 0.2 if "sleep" in script else 20.0)
     program(tmp_path, monkeypatch, f"exec {script}" if "sleep" in script else script)
     with pytest.raises(MapFileError, match=told) as caught:
         read_map(written(tmp_path, osm(STREETS), "a.osm"))

@@ -12,10 +12,9 @@ import pytest
 from representatives import all_of
 from test_exported_towns import away_m, lane_points, lit, town_of, ways_by_place
 
-from coopsim.data.maps.export.sumo.netconvert import make_network
 from coopsim.data.maps.export.sumo.network import plain_files, polygons_text, sumo_files
+from coopsim.data.maps.netconvert import is_there
 from coopsim.data.maps.reading import read_map
-from coopsim.errors import MissingDependencyError
 
 SEEDS = all_of(map(str, range(10)), "2", "3")
 
@@ -79,17 +78,7 @@ def test_polygons_are_houses_walls_and_bays(tmp_path: Path) -> None:
     assert kinds["amenity.parking"] == len(town.description.parked)
 
 
-def _is_there() -> bool:
-    try:
-        make_network({}, left_hand=False)
-    except MissingDependencyError:
-        return False
-    except Exception:
-        return True
-    return True
-
-
-@pytest.mark.skipif(not _is_there(), reason="netconvert is not installed: pip install eclipse-sumo")
+@pytest.mark.skipif(not is_there(), reason="netconvert is not installed: pip install eclipse-sumo")
 @pytest.mark.parametrize("seed", SEEDS)
 def test_networks_come_back(seed: str, tmp_path: Path) -> None:
     town = lit(town_of(int(seed)))
