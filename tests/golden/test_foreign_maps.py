@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
+from coopsim.data.maps import netconvert
 from coopsim.data.maps.check import check_map, driven_lanes
-from coopsim.data.maps.osm import netconvert
 from coopsim.data.maps.reading import read_map
 from coopsim.data.maps.street_map import StreetMap
 from coopsim.errors import MapWarning

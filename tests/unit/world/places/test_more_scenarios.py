@@ -31,7 +31,7 @@ def test_drones_fly_slowly_and_are_nobodys_object(name: str) -> None:
     assert {body.kind for body in agents.values()} >= {"drone"} and agents["drone_1"].actor_id is None
     assert 30 <= agents["drone_0"].height_m <= 50
     assert agents["drone_0"].world_SE3_base.translation[2] == 0.0  # as every base frame
-    moving = world._flights[0].drift_m_s[0]
+    moving = world._layout.flights[0].drift_m_s[0]
     for _ in range(20):
         before = place_of(world, "drone_0")
         world.step(DT_S)
