@@ -27,6 +27,7 @@ _DECIMALS = 3
 _LOOP_M = (3.2, 15.5)  # from a lane to one on its inner side, into which vehicles can turn round
 _OPPOSITE_RAD = np.radians(160.0)
 _ROOM_M = 300.0  # of lanes without end, on which connected cars can stay
+_CARS_FIRST = 10  # starts there that have cars, not trucks
 
 
 def describe_place(streets: StreetMap, seed: int) -> PlaceDescription:
@@ -53,6 +54,7 @@ def describe_place(streets: StreetMap, seed: int) -> PlaceDescription:
         roads=(*roads, *loops),
         signals=signals_of(streets, ways, beside.crosswalks, seed),
         cut=True,
+        cars_first=_CARS_FIRST,
         traffic_side=side,
         heights=heights_of(streets),
         **clear_of_roads(beside.fields, strips.all.values(), loops, nodes),

@@ -44,6 +44,9 @@ def test_vehicles_come_in_out_of_sight_if_they_can() -> None:
     edges = Edges(layout, NumberedNetwork(layout.network), 0)
     ways_in = np.array([lane.position(4.0, 0.0) for lane in edges._lanes])
     assert [index[0] for index in edges._entries] == ["in0.", "in1.", "in2.", "in3."]
+    short = replace(crossing(), nodes=crossing().nodes | {"in0.": (26.0, 1.6)})
+    edges_there = Edges(place_from(short, "cut").make_layout(), NumberedNetwork(layout.network), 0)
+    assert [index[0] for index in edges_there._entries] == ["in1.", "in2.", "in3."], "12 m before a junction"
     # From the west, houses hide the north and the south, and the east is far.
     assert edges._is_seen(ways_in, np.array([[-80.0, 1.6]])).tolist() == [False, False, True, False]
     assert edges._is_seen(ways_in, np.array([[0.0, 0.0]])).all()
