@@ -23,7 +23,7 @@ _ENTRY_M = 4.0  # from a lane's start to where the middle of a vehicle appears
 _ROOM_M, _BEHIND_M = 16.0, 8.0  # free lane that it needs ahead of its middle, and behind
 _BESIDE_M = 2.5  # from the lane's middle to vehicles that are in it
 _LEAST_M = 18.0  # length of lanes on which vehicles appear, where there are such
-_FAR_M = 80.0  # vehicles farther off do not matter
+_FAR_M = 200.0  # vehicles farther off do not matter
 _GAP_M, _BRAKING_M_S2 = 10.0, 3.0  # kept from a vehicle ahead after braking
 
 

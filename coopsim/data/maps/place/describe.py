@@ -21,7 +21,7 @@ from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.world.places.description import MapLane, PlaceDescription, point_of
 
-_WIDTHS_M, _SPEEDS_M_S = (2.5, 8.0), (1.0, 40.0)
+_WIDTHS_M, _SPEEDS_M_S = (2.5, 8.0), (1.0, 25.0)  # who drives faster cannot stop within sight of others, 60 m
 _ALIKE_M = 0.02
 _DECIMALS = 3
 _LOOP_M = (3.2, 15.5)  # from a lane to one on its inner side, into which vehicles can turn round

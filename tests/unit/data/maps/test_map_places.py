@@ -24,7 +24,7 @@ from coopsim.errors import InvalidValueError, UnknownNameError
 from coopsim.world.custom.conflicts import conflicting_roads
 from coopsim.world.custom.place import place_from
 from coopsim.world.drawn_places import choose_scenarios, find_drawer, is_place_file
-from coopsim.world.places.description import MapBay, MapLane
+from coopsim.world.places.description import MapBay, MapLane, MapWays
 from coopsim.world.places.polyline import PolylineLane
 from coopsim.world.places.road_network import RoadNetwork
 
@@ -195,9 +195,11 @@ def test_what_would_stand_on_lanes_or_loops_is_left_out() -> None:
     nodes = {"e": (100.0, 0.0), "s": (100.0, 5.0)}
     across, along = MapBay((50.0, 4.0), 90.0), MapBay((50.0, -3.4), 0.0)
     in_loop, beyond = MapBay((135.0, 2.5), 0.0), MapBay((140.0, 2.5), 0.0)
-    fields = {"parked": (across, along, in_loop, beyond)}
+    points = {"a": (60.0, -6.0), "b": (80.0, -6.0), "c": (115.0, -40.0), "d": (115.0, 40.0), "e": (80.0, 40.0)}
+    fields = {"parked": (across, along, in_loop, beyond), "walks": MapWays(points, (("a", "b", "c", "d", "e"),))}
     found = clear_of_roads(fields, strips, [MapLane("e", "s", turn="around")], nodes)
     assert found["parked"] == (along, beyond)
+    assert found["walks"].ways == (("a", "b", "c"), ("d", "e")), "nobody walks through a loop"
 
 
 @pytest.mark.parametrize(
