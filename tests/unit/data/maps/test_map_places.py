@@ -159,6 +159,19 @@ def test_a_place_that_connected_cars_would_have_to_leave_lacks_something() -> No
     assert _Needs(3, 0, stays=1).lacking(place) == "places that connected cars would have to leave"
 
 
+@pytest.mark.parametrize(("length_m", "beyond_m"), [(200.0, 0.0), (45.0, 32.0)])
+def test_loops_lie_within_the_place_where_lanes_are_long_enough(length_m: float, beyond_m: float) -> None:
+    half_m = length_m / 2
+    described = describe_place(map_of(lane("a", (-half_m, 0), (half_m, 0)), lane("b", (half_m, 4), (-half_m, 4))), 0)
+    assert [road.turn for road in described.roads].count("around") == 2
+    layout = place_from(described, "loops").make_layout()
+    reach_m = max(
+        float(np.abs(each.positions(np.linspace(0, each.length, 9), 0.0)).max())
+        for each in layout.network.lanes.values()
+    )
+    assert half_m + beyond_m - 5 < reach_m < half_m + beyond_m + 1
+
+
 def test_a_map_is_a_scenario_by_its_path(tmp_path: Path) -> None:
     path = str(written(tmp_path, THREE_ROADS, "map.xodr"))
     assert is_place_file(path) and is_place_file(Path(path)) and not is_place_file("town")
