@@ -34,7 +34,7 @@ from coopsim.sensors.scene import static_triangles
 from coopsim.viz.bev import BevRenderer
 from coopsim.viz.point_picture import draw_points
 from coopsim.viz.portrait import contact_sheet, draw_overhead
-from coopsim.world.drawn_options import PlaceSeeds, TownOptions
+from coopsim.world.drawn_places import TOWN, choose_scenarios
 from coopsim.world.furniture.furnish import furnishing_parts
 from coopsim.world.furniture.kinds import KINDS
 from coopsim.world.places.description import MapFurniture
@@ -42,14 +42,12 @@ from coopsim.world.places.layout import flat_part, rectangle
 from coopsim.world.scenario import SCENARIOS, make_scenario
 from coopsim.world.situations.situation import EGO, SITUATIONS
 from coopsim.world.snapshot import Actors, StaticPart
-from coopsim.world.towns.scenarios import TownScenarios
 from coopsim.world.world import World
 
 Picture = NDArray[np.uint8]
 
 DOCS = Path(__file__).parents[1] / "docs"
 FRAMES = 40
-ANY = TownOptions()
 WARM_UP_S = 10.0
 CLOSE_M, POINTS_M = 80.0, 40.0
 TILE_PX, EYES_PX = 300, (480, 300)
@@ -77,9 +75,9 @@ def draw_scenario(name: str, folder: Path) -> None:
     Image.fromarray(picture).quantize(32).save(folder / f"{name}.png", optimize=True)
 
 
-def above(place: int, options: TownOptions = ANY, density: float = 1.0) -> Picture:
-    """Draw the whole town from above."""
-    world = _world(place, options, density)
+def above(place: int, environment: str = TOWN, **options: Any) -> Picture:
+    """Draw the whole of a drawn place from above."""
+    world = _world(place, environment, **options)
     corners = np.concatenate(world.map.lanes)
     low, high = corners.min(axis=0), corners.max(axis=0)
     return draw_overhead(world, (low + high) / 2, float((high - low).max()) + 2 * MARGIN_M, TILE_PX)
@@ -87,28 +85,25 @@ def above(place: int, options: TownOptions = ANY, density: float = 1.0) -> Pictu
 
 def close(place: int) -> Picture:
     """Draw the surroundings of the agents from above."""
-    world = _world(place, ANY, 1.0)
+    world = _world(place, TOWN)
     agents = [body.world_SE3_base.translation[:2] for body in world.agents().values()]
     return draw_overhead(world, np.mean(agents, axis=0), CLOSE_M, TILE_PX)
 
 
-def eyes(place: int, options: TownOptions = ANY, density: float = 1.0) -> Picture:
+def eyes(place: int, environment: str = TOWN, **options: Any) -> Picture:
     """Draw what the first agent's camera and LiDAR see, side by side."""
     width, height = EYES_PX
     lens = Intrinsics.from_fov(2 * width, 2 * height, float(np.radians(85.0)))
     env = coopsim.parallel_env(
-        "town",
+        environment,
         place_seed=place,
-        density=density,
-        junctions=options.junctions,
-        openness=options.openness,
-        lanes=options.lanes,
         cameras={"cav_0": [Camera("front", lens)]},
         lidar="HDL-64E",
         detector="none",
         dt_s=WARM_UP_S,
         max_cycles=2,
         expose_ground_truth=True,
+        **options,
     )
     episode = coopsim.run_episode(env, coopsim.make_policy("no_fusion"), seed=place, most_steps=1)
     observations, infos = episode.observations, episode.infos
@@ -119,17 +114,15 @@ def eyes(place: int, options: TownOptions = ANY, density: float = 1.0) -> Pictur
     return np.concatenate([fine.mean(axis=(1, 3)).astype(np.uint8), points], axis=1)
 
 
-def _world(place: int, options: TownOptions, density: float) -> World:
-    world = World(TownScenarios(PlaceSeeds(place), options, density, None, {}).of(place), place)
+def _world(place: int, environment: str, **options: Any) -> World:
+    world = World(choose_scenarios(environment, place_seed=place, **options).of(place), place)
     world.step(WARM_UP_S)
     return world
 
 
 def _option(name: str, value: Any, place: int) -> Picture:
     """Draw a town with one option set, from above and through an agent's eyes."""
-    options = ANY if name == "density" else TownOptions(**{name: value})
-    density = value if name == "density" else 1.0
-    views = above(place, options, density), eyes(place, options, density)[:, : EYES_PX[0]]
+    views = above(place, **{name: value}), eyes(place, **{name: value})[:, : EYES_PX[0]]
     picture = np.full((TILE_PX, TILE_PX + EYES_PX[0], 3), 255, dtype=np.uint8)
     picture[:, :TILE_PX], picture[: EYES_PX[1], TILE_PX:] = views
     return picture
