@@ -1,15 +1,17 @@
-"""Draw the pictures of the pages: scenarios and situations from above, drawn towns, street furniture.
+"""Draw the pictures of the pages: scenarios and situations from above, drawn towns, street furniture, places of maps.
 
-    python scripts/draw_pictures.py [scenarios] [situations] [above] [close] [eyes] [options] [furniture]
+    python scripts/draw_pictures.py [scenarios] [situations] [above] [close] [eyes] [options] [furniture] [maps]
         [--names crossing,village] [--places 0-23] [--processes 2] [--out FOLDER]
 
 Without `--out` they go to the folders of their pages. Pictures of towns are of the moment after `WARM_UP_S` of traffic,
-place k with seed k; what stands there is drawn from the meshes that the sensors meet.
+place k with seed k; what stands there is drawn from the meshes that the sensors meet. Maps are read from the folder
+`maps` in the one that COOPSIM_DATA names; without it, `maps` is left out.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Callable, Sequence
 from functools import partial
 from multiprocessing import get_context
@@ -58,6 +60,17 @@ LOW_AND_HIGH: dict[str, tuple[Any, Any]] = {
     "lanes": (1, 3),
     "density": (0.5, 2.0),
 }
+MAPS = {
+    "Cologne": ("sumo/cologne8.net.xml", 4),
+    "Ingolstadt": ("sumo/ingolstadt7.net.xml", 4),
+    "Berlin-Adlershof": ("sumo/berlin_adlershof.net.xml", 0),
+    "motorway A10": ("sumo/a10kw.net.xml", 0),
+    "CARLA, Town03": ("opendrive/Town03.xodr.gz", 0),
+    "CARLA, Town05": ("opendrive/Town05.xodr.gz", 3),
+}
+"""Files of maps and place seeds, by what is below the picture."""
+
+MAP_RADIUS_M = 150.0
 SMOOTHING = 2
 SITUATION_SEED = 4
 NONE = np.zeros(0, np.int64)
@@ -160,6 +173,16 @@ def draw_options(folder: Path, place: int, processes: int) -> None:
     _save(folder / "options.jpg", list(zip(labels, pictures, strict=True)), 2)
 
 
+def draw_maps(folder: Path) -> None:
+    """Draw places of maps from above and in the first agent's LiDAR, side by side."""
+    pictures = []
+    for name, (file, place) in MAPS.items():
+        path = str(Path(os.environ["COOPSIM_DATA"]) / "maps" / file)
+        points = eyes(place, path, radius_m=MAP_RADIUS_M)[:, EYES_PX[0] :]
+        pictures.append((name, np.hstack([above(place, path, radius_m=MAP_RADIUS_M), points])))
+    _save(folder / "maps.jpg", pictures, 2)
+
+
 def axes_towards(yaw_deg: float, down_deg: float) -> Floats:
     """Return the axes (3, 3) of a camera that looks in a direction."""
     yaw, down = np.radians([yaw_deg, down_deg])
@@ -245,6 +268,7 @@ PAGES = {
     "situations": DOCS / "reference",
     "furniture": DOCS / "reference",
     **dict.fromkeys((*VIEWS, "options"), DOCS / "results" / "towns"),
+    **({"maps": DOCS / "gallery"} if "COOPSIM_DATA" in os.environ else {}),
 }
 """The pictures, and the folders of their pages."""
 
@@ -269,6 +293,8 @@ def main() -> None:
             draw_situations(folder)
         elif kind == "furniture":
             draw_furniture(folder)
+        elif kind == "maps":
+            draw_maps(folder)
         elif kind == "options":
             draw_options(folder, given.option_place, given.processes)
         else:
