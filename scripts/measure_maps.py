@@ -1,11 +1,11 @@
 """Compare methods in places of maps with the same methods in drawn towns: scores, leads, and the order of methods.
 
-    python scripts/measure_maps.py maps/town maps/Town01 maps/Town05 maps/cologne8
+    python scripts/measure_maps.py measured/towns measured/maps
 
-Folders are of `coopsim bench`, one for each world, the drawn towns first, with the same policies and seeds. A place is
-one sample. Leads are over one method in the same places. They are set beside those in drawn towns seed by seed, with
-Student's interval; the bootstrap of rank correlations draws places of both worlds with replacement. No command does
-that: `coopsim compare` compares the same cells of two folders.
+Folders are of `coopsim bench`, that of drawn towns first, with the same policies and seeds. Each scenario is a world,
+and a place is one sample. Leads are over one method in the same places. They are set beside those in drawn towns seed
+by seed, with Student's interval; the bootstrap of rank correlations draws places of both worlds with replacement. No
+command does that: `coopsim compare` compares the same cells of two folders.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from rank_policies import rank_correlations
 from tabulate import tabulate
 
+from coopsim.bench.grid.cell import Condition
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import Interval, mean_interval
 from coopsim.cli.argument_types import names
@@ -31,28 +32,31 @@ Scores = Mapping[str, Floats]
 
 
 def scores_of(folders: Sequence[Path], metric: str) -> dict[str, Scores]:
-    """Read the scores of each world, by the name of its folder, of the policies that all worlds have.
+    """Read the scores of each world, by the name of its scenario, of the policies that all worlds have.
 
     Raises:
-        InvalidValueError: worlds have several conditions, different seeds, or no common policy; or a cell has no value.
+        InvalidValueError: a world has several conditions, seeds differ, there is no common policy, or a value lacks.
     """
-    tables = {folder.name: ResultTable.of(stored_results(folder)) for folder in folders}
-    for name, table in tables.items():
-        if len(table.conditions) != 1:
-            raise InvalidValueError(f"{name} must be of one condition, got {len(table.conditions)}")
-    if len(seeds := {table.seeds for table in tables.values()}) > 1:
+    tables = [ResultTable.of(stored_results(folder)) for folder in folders]
+    if len(seeds := {table.seeds for table in tables}) > 1:
         raise InvalidValueError(f"all worlds must have the same seeds, got {sorted(seeds)}")
-    common = set.intersection(*(set(table.policies) for table in tables.values()))
+    common = [each for each in tables[0].policies if all(each in table.policies for table in tables)]
     if not common:
-        raise InvalidValueError(f"worlds must have policies in common, got none among {', '.join(tables)}")
+        raise InvalidValueError("worlds must have policies in common, got none")
     found: dict[str, Scores] = {}
-    for name, table in tables.items():
-        rows = dict(zip(table.policies, table.values(metric)[:, 0], strict=True))
-        found[name] = {policy: rows[policy] for policy in table.policies if policy in common}
-        lacking = [policy for policy, row in found[name].items() if np.isnan(row).any()]
-        if lacking:
-            raise InvalidValueError(f"{name} lacks values of {metric}: {', '.join(lacking)}")
+    for table in tables:
+        for name, values in zip(map(_name, table.conditions), table.values(metric).swapaxes(0, 1), strict=True):
+            if name in found:
+                raise InvalidValueError(f"{name} must be of one condition, got several")
+            found[name] = {policy: values[table.policies.index(policy)] for policy in common}
+            lacking = [policy for policy, row in found[name].items() if np.isnan(row).any()]
+            if lacking:
+                raise InvalidValueError(f"{name} lacks values of {metric}: {', '.join(lacking)}")
     return found
+
+
+def _name(condition: Condition) -> str:
+    return Path(condition.scenario).name.split(".")[0]
 
 
 def scores_table(worlds: Mapping[str, Scores]) -> str:
@@ -98,7 +102,7 @@ def _shown(interval: Interval) -> str:
 def main() -> None:
     """Read the arguments, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("worlds", type=Path, nargs="+", help="folders of `coopsim bench`, the drawn towns first")
+    parser.add_argument("worlds", type=Path, nargs="+", help="folders of `coopsim bench`, that of drawn towns first")
     parser.add_argument("--metrics", type=names, default=("sAMOTA", "HOTA"), help="(default: sAMOTA,HOTA)")
     parser.add_argument("--against", default=AGAINST, help="method that leads are over (default: %(default)s)")
     given = parser.parse_args()
@@ -107,7 +111,7 @@ def main() -> None:
         places = len(next(iter(next(iter(worlds.values())).values())))
         print(f"{metric}, {places} places in each world", scores_table(worlds), sep="\n\n", end="\n\n")
         print(f"Leads over {given.against}", leads_table(worlds, given.against), sep="\n\n", end="\n\n")
-        print(f"Order, beside {given.worlds[0].name}", orders_table(worlds), sep="\n\n", end="\n\n")
+        print("Order, beside the first world", orders_table(worlds), sep="\n\n", end="\n\n")
 
 
 if __name__ == "__main__":

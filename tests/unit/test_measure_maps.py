@@ -23,7 +23,8 @@ def printed(
     worlds: Worlds, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> list[list[list[str]]]:
     """Return the cells of the tables of one metric, by table, row and column."""
-    runs = {name: results(effects, [Condition(scenario=name)], SEEDS) for name, effects in worlds.items()}
+    files = {name: Condition(scenario=f"maps/{name}.xodr.gz") for name in worlds}
+    runs = {name: results(effects, [files[name]], SEEDS) for name, effects in worlds.items()}
     monkeypatch.setattr(measure_maps, "stored_results", lambda folder: runs[folder.name])
     monkeypatch.setattr(rank_policies, "DRAWS", 100)
     monkeypatch.setattr(sys, "argv", ["measure_maps.py", *worlds, "--metrics", "sAMOTA", "--against", "middling"])
@@ -60,6 +61,6 @@ def test_worlds_that_cannot_be_compared_are_named(monkeypatch: pytest.MonkeyPatc
         "others": results({"other": 1.0}, [Condition()], SEEDS),
     }
     monkeypatch.setattr(measure_maps, "stored_results", lambda folder: runs[folder.name])
-    for name, said in (("few", "same seeds"), ("late", "one condition, got 2"), ("others", "policies in common")):
+    for name, said in (("few", "same seeds"), ("late", "one condition, got several"), ("others", "policies in common")):
         with pytest.raises(InvalidValueError, match=said):
             measure_maps.scores_of([Path("town"), Path(name)], "sAMOTA")
