@@ -172,6 +172,16 @@ def test_loops_lie_within_the_place_where_lanes_are_long_enough(length_m: float,
     assert half_m + beyond_m - 5 < reach_m < half_m + beyond_m + 1
 
 
+@pytest.mark.parametrize(("apart_m", "loops"), [(23.0, 2), (60.0, 4)])
+def test_vehicles_in_two_loops_do_not_meet(apart_m: float, loops: int) -> None:
+    pairs = [
+        (lane(f"a{k}", (-80, y), (80, y)), lane(f"b{k}", (80, y + 4), (-80, y + 4)))
+        for k, y in enumerate((0.0, apart_m))
+    ]
+    described = describe_place(map_of(*pairs[0], *pairs[1]), 0)
+    assert [road.turn for road in described.roads].count("around") == loops
+
+
 def test_a_map_is_a_scenario_by_its_path(tmp_path: Path) -> None:
     path = str(written(tmp_path, THREE_ROADS, "map.xodr"))
     assert is_place_file(path) and is_place_file(Path(path)) and not is_place_file("town")
