@@ -22,6 +22,7 @@ from coopsim.envs.simulated.lidar_sensing import (
 from coopsim.envs.simulated.perception import Perception, observation_format
 from coopsim.envs.simulated.planned_driving import PlannedDriving
 from coopsim.envs.simulated.simulation_options import SimulationOptions
+from coopsim.errors import InvalidValueError
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.scene import RayScene, SceneGeometry
 from coopsim.sensors.visibility import PixelVisibility, Visibility, measure_pixels
@@ -29,6 +30,7 @@ from coopsim.support.arrays import look_up
 from coopsim.support.checks import require_choice
 from coopsim.types import AgentSpec, CameraImage, Ints, Sweep, Tracks, seconds_to_ns
 from coopsim.types.driving import ACCELERATION, MANEUVER, Command
+from coopsim.world.intersections import LitJunction, lit_junctions
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import PlayedWorld, RecordedWorld
 from coopsim.world.scenario import EpisodeScenarios, Scenario
@@ -65,7 +67,10 @@ class Simulation(FrameSource):
         self.capacity = most if recording is None else recording.most_actors
         self.region_m = options.region_m
         skips_frames = options.sense_every > 1
-        self.format = observation_format(self.specs, options, options.camera_modes, skips_frames=skips_frames)
+        form = observation_format(self.specs, options, options.camera_modes, skips_frames=skips_frames)
+        self.format = replace(form, signals=options.signal_messages)
+        if options.signal_messages and not any(body.kind == "rsu" for body in bodies.values()):
+            raise InvalidValueError("signal_messages needs a roadside unit that sends them: accepted with rsus >= 1")
 
     def start(self, seed: int, options: Mapping[str, Any]) -> Frame:
         """Begin an episode; see `FrameSource.start`."""
@@ -92,6 +97,11 @@ class Simulation(FrameSource):
     def driven(self) -> tuple[str, ...]:
         """Names of the cars that a planner or the action drives; see `FrameSource.driven`."""
         return self._driven if self._options.traffic != "highway-env" else ()
+
+    @property
+    def junctions(self) -> tuple[LitJunction, ...]:
+        """Junctions with lights; see `FrameSource.junctions`."""
+        return lit_junctions(self._scenario.layout) if self._options.signal_messages else ()
 
     @property
     def staged(self) -> bool:
