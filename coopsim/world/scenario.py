@@ -271,7 +271,7 @@ class EpisodeScenarios(ABC):
     def of(self, seed: int) -> Scenario:
         """Return the scenario of the episode with this seed."""
 
-    def close(self) -> None:  # noqa: B027  (most have none)
+    def close(self) -> None:
         """Release the scenarios' resources."""
 
 

@@ -94,7 +94,7 @@ def _starts(path: Path) -> Iterator[Start]:
 
 
 def heading_and_velocity(angle_deg: Floats, speed_m_s: Floats) -> tuple[Floats, Floats]:
-    """Return headings (N,) rad and velocities (N, 2) m/s of SUMO's angles (N,), clockwise from north, and speeds (N,)."""
+    """Return headings (N,) rad and velocities (N, 2) m/s, from angles (N,) clockwise from north and speeds (N,)."""
     heading = np.pi / 2 - np.radians(angle_deg)
     return heading, speed_m_s[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
 
