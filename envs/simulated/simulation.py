@@ -26,13 +26,12 @@ from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.scene import RayScene, SceneGeometry
 from coopsim.sensors.visibility import PixelVisibility, Visibility, measure_pixels
 from coopsim.support.arrays import look_up
-from coopsim.support.checks import require_choice
 from coopsim.types import AgentSpec, CameraImage, Ints, Sweep, Tracks, seconds_to_ns
 from coopsim.types.driving import ACCELERATION, MANEUVER, Command
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import PlayedWorld, RecordedWorld
 from coopsim.world.scenario import EpisodeScenarios, Scenario
-from coopsim.world.snapshot import Actors, AgentBody, WorldSource
+from coopsim.world.snapshot import Actors, AgentBody, DrivenWorld, WorldSource
 from coopsim.world.world import World
 
 _COMMANDS: dict[str, Any] = {"policy": MANEUVER, "acceleration": ACCELERATION}
@@ -77,8 +76,8 @@ class Simulation(FrameSource):
             world = RecordedWorld(world, self._options.record, self._scenario, seed, self._options.dt_s)
         self.specs, self._world, self.road_map = self._specify(world.agents()), made, made.map
         self._episode = SimulatedEpisode(self._options, self._equipment, world, self.specs, seed, self._scenario)
-        self._conflicts = made.conflict_ids if isinstance(made, World) else ()
-        if isinstance(made, World) and self._driven:
+        self._conflicts = made.conflict_ids if isinstance(made, DrivenWorld) else ()
+        if isinstance(made, DrivenWorld) and self._driven:
             self._episode.let_drive(made, self._driven)
         return self._episode.frame()
 
@@ -119,8 +118,7 @@ class Simulation(FrameSource):
             return PlayedWorld(self._recording, self._scenario)
         control, traffic, driven = self._options.control, self._options.traffic, self._options.driven_agents
         if self._scenario.played is not None:
-            require_choice("control of the cars in a log", control, ["traffic"])
-            return self._scenario.played.world(self._scenario, seed)
+            return self._scenario.played.world(self._scenario, seed, control=control, driven=driven)
         return World(self._scenario, seed, control=control, traffic=traffic, driven=driven)
 
     def _driven_among(self, bodies: Mapping[str, AgentBody]) -> tuple[str, ...]:
@@ -167,13 +165,13 @@ class SimulatedEpisode:
         self._perception = Perception(options, specs, seed)
         self._cycle = 0
         self._last_sensed: tuple[Ints, Ints]  # ids (N,) of all actors, returns (N, A) from each to each agent
-        self._cars: World | None = None
+        self._cars: DrivenWorld | None = None
         self._driven: tuple[str, ...] = ()
         self._planning: PlannedDriving | None = None
         self._commands: Mapping[str, Command] = {}
         self._frame: Frame
 
-    def let_drive(self, world: World, driven: tuple[str, ...]) -> None:
+    def let_drive(self, world: DrivenWorld, driven: tuple[str, ...]) -> None:
         """Let the action or a planner drive some connected cars of a world, by name."""
         self._cars, self._driven = world, driven
         if self._options.control == "planner":
@@ -226,6 +224,8 @@ class SimulatedEpisode:
     def _is_over(self) -> bool:
         if self._over_s is None:
             return False
+        if self._ends_when_over and self._cars is not None:
+            return self._cars.is_over_in(self._options.dt_s)
         if self._ends_when_over:  # no agent is there in the next frame
             return (self._cycle + 1) * self._options.dt_s > self._over_s + 1e-6
         return self._cycle * self._options.dt_s >= self._over_s - 1e-9
