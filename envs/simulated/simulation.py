@@ -27,7 +27,6 @@ from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.scene import RayScene, SceneGeometry
 from coopsim.sensors.visibility import PixelVisibility, Visibility, measure_pixels
 from coopsim.support.arrays import look_up
-from coopsim.support.checks import require_choice
 from coopsim.types import AgentSpec, CameraImage, Ints, Sweep, Tracks, seconds_to_ns
 from coopsim.types.driving import ACCELERATION, MANEUVER, Command
 from coopsim.world.intersections import LitJunction, lit_junctions
@@ -82,8 +81,8 @@ class Simulation(FrameSource):
             world = RecordedWorld(world, self._options.record, self._scenario, seed, self._options.dt_s)
         self.specs, self._world, self.road_map = self._specify(world.agents()), made, made.map
         self._episode = SimulatedEpisode(self._options, self._equipment, world, self.specs, seed, self._scenario)
-        self._conflicts = made.conflict_ids if isinstance(made, World) else ()
-        if self._driven and isinstance(made, DrivenWorld):
+        self._conflicts = made.conflict_ids if isinstance(made, DrivenWorld) else ()
+        if isinstance(made, DrivenWorld) and self._driven:
             self._episode.let_drive(made, self._driven)
         return self._episode.frame()
 
@@ -130,8 +129,7 @@ class Simulation(FrameSource):
             return PlayedWorld(self._recording, self._scenario)
         control, traffic, driven = self._options.control, self._options.traffic, self._options.driven_agents
         if self._scenario.played is not None:
-            require_choice("control of cars in this traffic", control, self._scenario.played.controls)
-            return self._scenario.played.world(self._scenario, seed)
+            return self._scenario.played.world(self._scenario, seed, control=control, driven=driven)
         return World(self._scenario, seed, control=control, traffic=traffic, driven=driven)
 
     def _driven_among(self, bodies: Mapping[str, AgentBody]) -> tuple[str, ...]:
@@ -238,6 +236,8 @@ class SimulatedEpisode:
         over_s = self._scenario.over_s  # of a situation, or of what is played, as far as it is known by now
         if over_s is None:
             return False
+        if self._ends_when_over and self._cars is not None:
+            return self._cars.is_over_in(self._options.dt_s)
         if self._ends_when_over:  # no agent is there in the next frame
             return (self._cycle + 1) * self._options.dt_s > over_s + 1e-6
         return self._cycle * self._options.dt_s >= over_s - 1e-9
