@@ -251,6 +251,7 @@ def exactness_table(twins: Mapping[str, TwinWorld]) -> str:
     for name, world in twins.items():
         (one, over_one), (two, over_two) = world.halves()
         apart, second = one.pose[-1] - two.pose[-1], world.second
+        second_apart = seconds_apart(one.pose, two.pose)
         standing = np.bincount(world.seen.frame[world.path.standing], minlength=world.recording.frames)
         rows.append(
             [
@@ -259,14 +260,43 @@ def exactness_table(twins: Mapping[str, TwinWorld]) -> str:
                 f"{np.mean(standing > STILL_FRAMES):.2f}",
                 spread_cm(world.path.residual_m),
                 spread_cm(np.concatenate([over_one, over_two])),
-                f"{np.hypot(*apart[:2]):.2f} m, {np.degrees(abs(apart[2])):.1f}",
+                *(
+                    (
+                        f"{100 * second_apart[0]:.0f} cm, {np.degrees(second_apart[1]):.2f}",
+                        f"{np.hypot(*apart[:2]):.1f} m, {np.degrees(abs(apart[2])):.1f}",
+                    )
+                    if standing.sum() > world.recording.frames
+                    else ("-", "-")
+                ),
                 f"{np.mean(second.label >= 0):.2f}",
                 f"{second.boxed.mean():.2f}",
                 f"{second.score:.2f}",
             ]
         )
-    heads = ["recording", "frames", "held", "residual", "other half", "ends apart", "labelled", "boxed", "score"]
+    heads = [
+        "recording",
+        "frames",
+        "held",
+        "residual",
+        "other half",
+        "apart in 1 s",
+        "at the end",
+        "labelled",
+        "boxed",
+        "score",
+    ]
     return tabulate(rows, heads, tablefmt="github", disable_numparse=True)
+
+
+def seconds_apart(one: Floats, two: Floats) -> tuple[float, float]:
+    """Return how far two paths (F, 3) differ in where the car is after each second, m and rad: medians."""
+    moved = []
+    for pose in (one, two):
+        there = pose[10:] - pose[:-10]
+        turned = np.column_stack([np.zeros((len(there), 2)), -pose[:-10, 2]])
+        moved.append(np.column_stack([in_world(there[:, :2], turned), there[:, 2]]))
+    off = moved[0] - moved[1]
+    return float(np.median(np.hypot(*off[:, :2].T))), float(np.median(np.abs(off[:, 2])))
 
 
 def spread_cm(residual_m: Floats) -> str:
