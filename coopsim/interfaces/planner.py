@@ -1,4 +1,4 @@
-"""The seam for planners: a car's acceleration and steering, from what its policy reports and what it knows of itself."""
+"""The seam for planners: how a car accelerates and steers, from what its policy reports and what it knows of itself."""
 
 from __future__ import annotations
 

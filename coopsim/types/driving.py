@@ -52,7 +52,7 @@ class Route:
         right_of_way: (K,) `GIVES_WAY`, `NOBODY_FIRST` or `HAS_PRIORITY`.
         lane_width_m: (K,) width of the lane; empty: unknown.
         beside: (K, 2) numbers of lanes of the same road to its left and to its right; empty: unknown.
-        lights: (K,) `NO_LIGHT`, `GREEN`, `YELLOW` or `RED`, for the way over a junction from its line on; empty: unknown.
+        lights: (K,) `NO_LIGHT`, `GREEN`, `YELLOW` or `RED` of the way over a junction, from its line on; empty: none.
         goal_m: distance along the lanes to the goal; infinite: there is none.
         length_m: distance along the lanes from the start to the goal; infinite: there is none.
     """

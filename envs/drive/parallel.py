@@ -30,7 +30,7 @@ from coopsim.wire.actions import checked_numbers, command_space
 from coopsim.world.drawn_places import choose_scenarios, find_drawer
 from coopsim.world.population import Population
 from coopsim.world.scenario import Place
-from coopsim.world.snapshot import Actors, AgentBody
+from coopsim.world.snapshot import AgentBody
 from coopsim.world.world import World
 
 Infos = dict[str, dict[str, Any]]
@@ -148,9 +148,7 @@ class DriveParallel(ParallelEnv[str, Observed, Observed]):  # type: ignore[misc]
         require_seed(seed)
         scenario = self._scenarios.of(seed)
         names = self.possible_agents
-        self._world = World(
-            scenario, seed, control="steering", driven=names, route_m=self._route_m, grip=self._grip
-        )
+        self._world = World(scenario, seed, control="steering", driven=names, route_m=self._route_m, grip=self._grip)
         self._judge, self.agents, self._step = Judge(self._world.map), list(names), 0
         cars = {name: self._world.car_ahead(name) for name in names}
         self._trips = {name: _Trip(car, self._steps_for(car.route.length_m)) for name, car in cars.items()}

@@ -29,7 +29,7 @@ class PlannedDriving:
         self._planners = {name: make_planner(planner) for name in driven}
 
     def commands(self, frame: Frame, tracks: Mapping[str, Tracks]) -> dict[str, Plan]:
-        """Ask the planner of each driven car that has not crashed for an acceleration, m/s², and if it steers, an angle.
+        """Ask the planner of each driven car that has not crashed for an acceleration, m/s², or with an angle, rad.
 
         Args:
             frame: the frame that is over.

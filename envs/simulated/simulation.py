@@ -122,9 +122,7 @@ class Simulation(FrameSource):
             require_choice("control of the cars in a log", control, ["traffic"])
             return self._scenario.played.world(self._scenario, seed)
         route_m, grip = self._options.route_m, self._options.chosen_grip
-        return World(
-            self._scenario, seed, control=control, traffic=traffic, driven=driven, route_m=route_m, grip=grip
-        )
+        return World(self._scenario, seed, control=control, traffic=traffic, driven=driven, route_m=route_m, grip=grip)
 
     def _driven_among(self, bodies: Mapping[str, AgentBody]) -> tuple[str, ...]:
         """Return the names of the connected cars that the option `control` is about."""

@@ -58,7 +58,9 @@ class Lights:
         # Who must give way at green, and to whom no place says, does so to all conflicting ones with priority.
         usual = np.isfinite(always.clear_m) & first
         yields = np.where((late & ~self._given)[:, None], usual, always.yields) & ~first[:, None] & ~closed
-        light = np.select([letter == YELLOW, letter == RED, letter != "-"], [driving.YELLOW, driving.RED, driving.GREEN])
+        light = np.select(
+            [letter == YELLOW, letter == RED, letter != "-"], [driving.YELLOW, driving.RED, driving.GREEN]
+        )
         clears = always.clears | (letter != "-")
         return always._replace(role=role, yields=yields, closed=closed, clears=clears, light=light)
 

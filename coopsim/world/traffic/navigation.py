@@ -194,9 +194,13 @@ class SteeredCars:
             rows["against"][k] = is_against(self._network, rows[k])
             self._walls.stop(rows[k])
 
-    def way_ahead(self, fleet: Fleet, k: int, movements: Movements) -> Route | None:
-        """Return the way ahead of the car in a row, in its own frame; None: nobody steers it."""
-        return self._ways[k].ahead(fleet.rows[k], movements) if k in self._ways else None
+    def has(self, k: int) -> bool:
+        """Return whether the car in a row is one of them."""
+        return k in self._ways
+
+    def way_ahead(self, fleet: Fleet, k: int, movements: Movements) -> Route:
+        """Return the way ahead of the car in a row, in its own frame."""
+        return self._ways[k].ahead(fleet.rows[k], movements)
 
     def release(self, fleet: Fleet, k: int, driver: int) -> None:
         """Hand the car in a row to the traffic model."""

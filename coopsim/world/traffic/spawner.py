@@ -19,7 +19,17 @@ from coopsim.world.places.layout import LANE_M, Layout, StartSlot
 from coopsim.world.population import Population
 from coopsim.world.script import VehicleRole
 from coopsim.world.traffic.array_engine import closest_speed
-from coopsim.world.traffic.fleet import CHAUFFEURED, HIGHWAY, PARKED, PEDALLED, STEERED, TOWN, UNYIELDING, VEHICLE, Fleet
+from coopsim.world.traffic.fleet import (
+    CHAUFFEURED,
+    HIGHWAY,
+    PARKED,
+    PEDALLED,
+    STEERED,
+    TOWN,
+    UNYIELDING,
+    VEHICLE,
+    Fleet,
+)
 from coopsim.world.traffic.lane_geometry import closest_lane
 from coopsim.world.traffic.lanes import NumberedNetwork
 from coopsim.world.traffic.rules import PARKED_ASIDE_M

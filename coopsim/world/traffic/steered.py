@@ -1,9 +1,9 @@
 """Cars that an agent steers: actuators, the kinematic bicycle, the grip of tyres, and walls that stop them.
 
-The reference point is the middle of the body, halfway between the axles (Polack et al., "The kinematic bicycle model: a
-consistent model for planning feasible trajectories for autonomous vehicles?", IEEE Intelligent Vehicles Symposium 2017).
-Within a step acceleration and angle are constant, and the path is an exact arc. Tyres slide where acceleration and
-curvature ask for more than friction gives: they keep to its circle, braking first, so the car goes wide.
+The reference point is the middle of the body, halfway between the axles (Polack et al., "The kinematic bicycle model:
+a consistent model for planning feasible trajectories for autonomous vehicles?", IEEE Intelligent Vehicles Symposium
+2017). Within a step acceleration and angle are constant, and the path is an exact arc. Tyres slide where acceleration
+and curvature ask for more than friction gives: they keep to its circle, braking first, so the car goes wide.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ WHEELBASE = 0.57
 """Share of a car's length between its axles: 2.58 m of 4.51 m, CommonRoad's BMW 320i."""
 
 DRY, WET = 0.85, 0.6
-"""Coefficients of friction on asphalt, dry and under a film of water: Wong, "Theory of Ground Vehicles", in the middle of
-.8 to .9 and of .5 to .7. Hard-packed snow has .2 there, and ice .1."""
+"""Coefficients of friction on asphalt, dry and under a film of water: Wong, "Theory of Ground Vehicles", in the middle
+of .8 to .9 and of .5 to .7. Hard-packed snow has .2 there, and ice .1."""
 
 _GRAVITY_M_S2 = 9.81
 

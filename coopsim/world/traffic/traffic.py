@@ -85,10 +85,10 @@ class Traffic:
     """All vehicles of one episode.
 
     `control` is "traffic", which drives connected cars, or they obey the maneuvers ("policy"), the accelerations
-    ("acceleration" or "planner") or the accelerations and steering ("steering") of agents; `engine` is one of `ENGINES`. Control is about the connected cars with the
-    numbers in `driven`; None: all. With a `script`, its vehicles take the place of drawn ones on the roads: the ego in
-    row 0, then the others in their order. Steered cars have goals at a distance within `route_m`, and tyres with the
-    friction `grip`.
+    ("acceleration" or "planner") or the accelerations and steering ("steering") of agents; `engine` is one of
+    `ENGINES`. Control is about the connected cars with the numbers in `driven`; None: all. With a `script`, its
+    vehicles take the place of drawn ones on the roads: the ego in row 0, then the others in their order. Steered cars
+    have goals at a distance within `route_m`, and tyres with the friction `grip`.
 
     Attributes:
         fleet: the vehicles, moving ones first, then parked ones.
@@ -223,9 +223,9 @@ class Traffic:
     def way_ahead(self, number: int) -> Route:
         """Return the way ahead of a connected car, by its number."""
         row, lights = self.connected[number], self._engine.lights
-        steered = None if self._steered is None or lights is None else self._steered
-        given = None if steered is None else steered.way_ahead(self.fleet, row, lights.movements)
-        return self._engine.way_ahead(self.fleet, row) if given is None else given
+        if self._steered is not None and lights is not None and self._steered.has(row):
+            return self._steered.way_ahead(self.fleet, row, lights.movements)
+        return self._engine.way_ahead(self.fleet, row)
 
     @property
     def light_states(self) -> tuple[str, ...]:
