@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from numbers import Integral
 from typing import Any, Protocol
@@ -51,6 +51,7 @@ class Played(Protocol):
     Attributes:
         over_s: time at which the episode is over.
         facts: facts about it for `infos`, by name.
+        controls: values of the option `control` that its connected cars accept.
     """
 
     @property
@@ -58,6 +59,9 @@ class Played(Protocol):
 
     @property
     def facts(self) -> Mapping[str, Any]: ...
+
+    @property
+    def controls(self) -> Sequence[str]: ...
 
     def world(self, scenario: Scenario, seed: int) -> WorldSource:
         """Return the world of an episode, in the layout of its scenario."""
@@ -266,6 +270,9 @@ class EpisodeScenarios(ABC):
     @abstractmethod
     def of(self, seed: int) -> Scenario:
         """Return the scenario of the episode with this seed."""
+
+    def close(self) -> None:  # noqa: B027  (most have none)
+        """Release the scenarios' resources."""
 
 
 class SameScenario(EpisodeScenarios):

@@ -33,10 +33,12 @@ from coopsim.support.checks import (
 )
 from coopsim.types.messages import AGENT_KINDS
 from coopsim.types.sensing import OBSERVED_MODES
+from coopsim.world.drawn_places import LIVE_TRAFFIC, is_live
 from coopsim.world.recording.episode_file import require_recording
 from coopsim.world.scenario import DETAILS
 from coopsim.world.traffic.navigation import ROUTE_M, checked_route
 from coopsim.world.traffic.steered import DRY, WET
+from coopsim.world.traffic.traffic import ENGINES
 
 OneLidar = str | BeamPattern | LidarConfig
 LidarOption = OneLidar | Mapping[str, OneLidar | Mapping[str, Any]] | Mapping[str, Any] | None
@@ -192,7 +194,8 @@ class SimulationOptions(PerceptionOptions):
         detector: a `Detector` or `OracleDetector`, or the name of one ("none" never detects anything); None is
             `DEFAULT_DETECTOR`.
         embedder: an `Embedder`, or the name of one, that gives every detection an appearance; None: the detector's own.
-        traffic: "arrays" (fast), or "highway-env" (the same models, stepped by highway-env's own objects).
+        traffic: "arrays" (fast), "highway-env" (the same models, stepped by highway-env's own objects), or another
+            program, such as "sumo": one of `coopsim.world.drawn_places.LIVE_TRAFFIC`.
         control: driver of connected cars: "traffic" (the traffic model), "policy" (the action's `maneuver`),
             "acceleration" (the action's `acceleration_m_s2`), "steering" (the action's `steering`: an acceleration and
             an angle of the front wheels) or "planner" (the option `planner`, by reported tracks).
@@ -228,7 +231,7 @@ class SimulationOptions(PerceptionOptions):
     renderer: Literal["auto", "opengl", "raycast", "pyrender"] = "auto"
     odometry_noise_m: float = LocalizationConfig().odometry_noise_m
     odometry_heading_noise_rad: float = LocalizationConfig().odometry_heading_noise_rad
-    traffic: Literal["arrays", "highway-env"] = "arrays"
+    traffic: str = "arrays"
     control: Literal["traffic", "policy", "acceleration", "steering", "planner"] = "traffic"
     planner: PlannerOption = "idm_aeb"
     route_m: tuple[float, float] = ROUTE_M
@@ -242,7 +245,8 @@ class SimulationOptions(PerceptionOptions):
     def __post_init__(self) -> None:
         if self.detail is not None:
             require_choice("detail", self.detail, DETAILS)
-        require_choice("traffic", self.traffic, ("arrays", "highway-env"))
+        if not is_live(self.traffic):
+            require_choice("traffic", self.traffic, (*ENGINES, *LIVE_TRAFFIC))
         self._check_control()
         self.check_scored()
         require_choice("renderer", self.renderer, RENDERERS)

@@ -93,9 +93,15 @@ def _starts(path: Path) -> Iterator[Start]:
         raise LogFileError(str(error)) from None
 
 
+def heading_and_velocity(angle_deg: Floats, speed_m_s: Floats) -> tuple[Floats, Floats]:
+    """Return headings (N,) rad and velocities (N, 2) m/s of SUMO's angles (N,), clockwise from north, and speeds (N,)."""
+    heading = np.pi / 2 - np.radians(angle_deg)
+    return heading, speed_m_s[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
+
+
 def _columns(where: tuple[str, int], ids: np.ndarray, types: np.ndarray, numbers: Floats) -> Columns:
     time_s, x, y, angle, speed = numbers.T
-    heading = np.pi / 2 - np.radians(angle)
+    heading, velocity = heading_and_velocity(angle, speed)
     label = _labels(types)
     usual = np.array([_CAR_M if k == ObjectClass.CAR else SIZES_M[k] for k in ObjectClass])
     return Columns(
@@ -105,7 +111,7 @@ def _columns(where: tuple[str, int], ids: np.ndarray, types: np.ndarray, numbers
         label=label,
         xy=np.column_stack([x, y]),
         heading=heading,
-        velocity=speed[:, None] * np.column_stack([np.cos(heading), np.sin(heading)]),
+        velocity=velocity,
         size=usual[label],
         front=True,
     )

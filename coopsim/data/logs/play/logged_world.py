@@ -32,7 +32,7 @@ class LoggedWorld:
 
     def __init__(self, log: TrackLog, start_s: float, connected: Ints, scenario: Scenario, seed: int) -> None:
         self._log, self._start_s, self._connected, self._seed = log, start_s, connected, seed
-        self.models, self._model = fitted_models(log, scenario.models, seed)
+        self.models, self._model = fitted_models(log.label, log.size, scenario.models, seed)
         self.static: tuple[StaticPart, ...] = scenario.static
         self.map = scenario.layout.road_map
         self._layout, self._population = scenario.layout, scenario.population

@@ -80,6 +80,7 @@ class PlayedPart:
     """A part of a log as an episode's traffic; see `coopsim.world.scenario.Played`."""
 
     choice: Choice
+    controls: Sequence[str] = ("traffic",)
 
     @property
     def over_s(self) -> float:
