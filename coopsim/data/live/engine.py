@@ -100,6 +100,7 @@ class Users:
         names = tuple(self.names[row] for row in rows.tolist())
         return Users(names, self.kind[rows], self.place[rows], self.heading[rows], self.velocity[rows])
 
+
     def joined(self, others: Users) -> Users:
         """Return these and others."""
         both = [np.concatenate([getattr(each, name) for each in (self, others)]) for name in self.__slots__[1:]]
@@ -233,7 +234,7 @@ def _library() -> Any:
             return importlib.import_module("libsumo")
     except ImportError as error:
         raise MissingDependencyError(
-            f"traffic=\"sumo\" needs libsumo, which does not load here ({error}): pip install 'coopsim[sumo]'"
+            f'traffic="sumo" needs libsumo, which does not load here ({error}): pip install \'coopsim[sumo]\''
         ) from None
 
 
@@ -257,7 +258,6 @@ def step_for(dt_s: float) -> float:
     """
     whole = round(1000 * dt_s)
     if whole < 1 or abs(1000 * dt_s - whole) > 1e-6:
-        raise InvalidValueError(
-            f'dt_s must be of whole milliseconds with traffic="sumo", as SUMO\'s time is, got {dt_s}'
-        )
+        raise InvalidValueError(f'dt_s must be of whole milliseconds with traffic="sumo", as SUMO\'s time is, got {dt_s}')
     return max(step for step in range(1, round(1000 * LONGEST_STEP_S) + 1) if whole % step == 0) / 1000
+

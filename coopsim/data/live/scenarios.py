@@ -234,7 +234,7 @@ class SumoNetworks(DrawnPlaces):
         self._path, self._dt_s = Path(path), dt_s
 
     def place(self, place_seed: int, options: Any) -> Place:
-        raise InvalidValueError('with traffic="sumo" the place is where an episode\'s cars are')
+        raise InvalidValueError("with traffic=\"sumo\" the place is where an episode's cars are")
 
     def scenarios(
         self, seeds: PlaceSeeds, options: Any, density: float, detail: str | None, numbers: Mapping[str, Any]
@@ -294,7 +294,9 @@ class SumoTowns(DrawnPlaces):
     def scenarios(
         self, seeds: PlaceSeeds, options: Any, density: float, detail: str | None, numbers: Mapping[str, Any]
     ) -> TownScenarios:
-        return TownScenarios(_towns().scenarios(seeds, options, density, detail, numbers), seeds, self._dt_s, options)
+        return TownScenarios(
+            _towns().scenarios(seeds, options, density, detail, numbers), seeds, self._dt_s, options
+        )
 
 
 def _towns() -> DrawnPlaces:
