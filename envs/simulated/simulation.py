@@ -28,7 +28,7 @@ from coopsim.sensors.scene import RayScene, SceneGeometry
 from coopsim.sensors.visibility import PixelVisibility, Visibility, measure_pixels
 from coopsim.support.arrays import look_up
 from coopsim.types import AgentSpec, CameraImage, Ints, Sweep, Tracks, seconds_to_ns
-from coopsim.types.driving import ACCELERATION, MANEUVER, Command
+from coopsim.types.driving import ACCELERATION, MANEUVER, STEERING, Command
 from coopsim.world.intersections import LitJunction, lit_junctions
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import PlayedWorld, RecordedWorld
@@ -36,7 +36,7 @@ from coopsim.world.scenario import EpisodeScenarios, Scenario
 from coopsim.world.snapshot import Actors, AgentBody, DrivenWorld, WorldSource
 from coopsim.world.world import World
 
-_COMMANDS: dict[str, Any] = {"policy": MANEUVER, "acceleration": ACCELERATION}
+_COMMANDS: dict[str, Any] = {"policy": MANEUVER, "acceleration": ACCELERATION, "steering": STEERING}
 
 
 class Simulation(FrameSource):
@@ -127,10 +127,11 @@ class Simulation(FrameSource):
     def _make_world(self, seed: int) -> WorldSource:
         if self._recording is not None:
             return PlayedWorld(self._recording, self._scenario)
-        control, traffic, driven = self._options.control, self._options.traffic, self._options.driven_agents
+        control, traffic, driven = self._options.world_control, self._options.traffic, self._options.driven_agents
         if self._scenario.played is not None:
             return self._scenario.played.world(self._scenario, seed, control=control, driven=driven)
-        return World(self._scenario, seed, control=control, traffic=traffic, driven=driven)
+        route_m, grip = self._options.route_m, self._options.chosen_grip
+        return World(self._scenario, seed, control=control, traffic=traffic, driven=driven, route_m=route_m, grip=grip)
 
     def _driven_among(self, bodies: Mapping[str, AgentBody]) -> tuple[str, ...]:
         """Return the names of the connected cars that the option `control` is about."""
@@ -248,7 +249,7 @@ class SimulatedEpisode:
             return {}
         asked = {} if self._options.control == "policy" else self._commands
         return {
-            name: replace(frames[name], car=self._cars.car_ahead(name), command_m_s2=asked.get(name, math.nan))
+            name: replace(frames[name], car=self._cars.car_ahead(name), command_m_s2=_acceleration(asked.get(name)))
             for name in self._driven
         }
 
@@ -285,6 +286,13 @@ class SimulatedEpisode:
         returns = np.zeros((len(actors), sensed.shape[1]), np.int64)
         returns[known] = sensed[order[place[known]]]
         return returns
+
+
+def _acceleration(command: Command | None) -> float:
+    """Return the acceleration that was asked for, m/s²; NaN: none was."""
+    if command is None:
+        return math.nan
+    return command[0] if isinstance(command, tuple) else command
 
 
 class SceneProbe(FrameProbe):

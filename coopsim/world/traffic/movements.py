@@ -11,6 +11,7 @@ import numpy as np
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints, Mask
+from coopsim.types.driving import NO_LIGHT
 from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.polyline import PolylineLane
 from coopsim.world.places.road_network import Lane, Road, RoadNetwork
@@ -137,6 +138,7 @@ class Movements(NamedTuple):
         clears: (K,) whether even vehicles with priority wait for space behind the junction.
         braking_m_s2: braking at which fast vehicles can stop at lines, which they ask for from the farther off;
             infinite: all ask at `REQUEST_M`.
+        light: (K,) `NO_LIGHT`, `GREEN`, `YELLOW` or `RED`.
     """
 
     of_road: Ints
@@ -150,6 +152,7 @@ class Movements(NamedTuple):
     closed: Mask
     clears: Mask
     braking_m_s2: float
+    light: Ints
 
 
 BRAKING_M_S2 = 3.1
@@ -202,4 +205,5 @@ def movements_of(
         none,
         none,
         braking_m_s2,
+        np.full(len(roads), NO_LIGHT),
     )

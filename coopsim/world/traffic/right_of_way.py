@@ -115,6 +115,9 @@ def _ask(network: LaneArrays, vehicle: Vehicle, route: Ints, movements: Movement
     """
     if vehicle.driver == PARKED:
         return -np.inf, -1
+    if vehicle.astray:
+        vehicle.movement, vehicle.ticket, vehicle.left = -1, -1, 0
+        return -np.inf, -1
     k, distance_m = line_ahead(network, vehicle, route, movements.of_road)
     was = vehicle.movement if vehicle.ticket == GRANTED else -1
     left = was >= 0 and (k < 0 or movements.of_road[route[k, 0]] != was)
@@ -279,7 +282,7 @@ def _must_give_way(
     for other in range(len(rows)):
         vehicle, route = rows[other], routes[other]
         late = vehicle.ticket > GRANTED and role[other] != FIRST
-        if other == me or vehicle.driver == PARKED or held[other] or late:
+        if other == me or vehicle.driver == PARKED or vehicle.astray or held[other] or late:
             continue
         distance_m = start_of_route(network, vehicle, route)
         for k in range(vehicle.route_length):

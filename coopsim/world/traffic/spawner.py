@@ -20,7 +20,17 @@ from coopsim.world.places.polyline import PolylineLane
 from coopsim.world.population import Population
 from coopsim.world.script import VehicleRole
 from coopsim.world.traffic.array_engine import closest_speed
-from coopsim.world.traffic.fleet import CHAUFFEURED, HIGHWAY, PARKED, PEDALLED, TOWN, UNYIELDING, VEHICLE, Fleet
+from coopsim.world.traffic.fleet import (
+    CHAUFFEURED,
+    HIGHWAY,
+    PARKED,
+    PEDALLED,
+    STEERED,
+    TOWN,
+    UNYIELDING,
+    VEHICLE,
+    Fleet,
+)
 from coopsim.world.traffic.lane_geometry import closest_lane
 from coopsim.world.traffic.lanes import NumberedNetwork
 from coopsim.world.traffic.rules import LONG_M, PARKED_ASIDE_M
@@ -39,7 +49,7 @@ _PARKED_VANS = 0.15  # share of vans, where a bay has no class of its own
 # Time gap (s) and lateral gain (1/s). highway-env's 1.5 s would fill the lanes of a highway, and leave no gap to pass;
 # with its 1.67 a car turns by 15 degrees at 25 m/s, and back, in a second.
 _MANNERS = {TOWN: (1.5, 1 / 0.6), HIGHWAY: (1.0, 0.5), CHAUFFEURED: (1.5, 1 / 0.6), PEDALLED: (1.5, 1 / 0.6)}
-_MANNERS |= {UNYIELDING: _MANNERS[TOWN], PARKED: _MANNERS[TOWN]}
+_MANNERS |= dict.fromkeys((UNYIELDING, PARKED, STEERED), _MANNERS[TOWN])
 
 
 class Spawner:
