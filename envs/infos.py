@@ -5,6 +5,7 @@
 | `speed_m_s` | all infos | the car's speed along its heading |
 | `progress` | all infos | distance driven so far, per cent of that at the legal speed: the metric `progress` |
 | `crashed` | all infos | the car has touched another body |
+| `hit_by_log` | all infos | what it touched first follows a log, which cannot see the car, and drove into it |
 | `counts` | infos of steps | of the frame's tracks, of all agents |
 | `reward_parts` | infos of steps | the parts of the reward by name; their sum is the reward |
 | `is_success` | the last, in situations | the car has not crashed |
@@ -100,7 +101,8 @@ class EpisodeInfos:
         for name, way in self._ways.items():
             car = frame.agents[name].car
             assert car is not None
-            infos[name] |= {"speed_m_s": car.speed_m_s, "progress": way.progress, "crashed": car.crashed}
+            infos[name] |= {"speed_m_s": car.speed_m_s, "progress": way.progress}
+            infos[name] |= {"crashed": car.crashed, "hit_by_log": car.hit_by_log}
             if frame.last and self._staged:
                 infos[name]["is_success"] = not car.crashed
         return infos

@@ -31,6 +31,12 @@ JERK_M_S3 = 40.0
 """Fastest change of a car's acceleration: hydraulic brakes reach full braking 0.2 s after it is asked for."""
 
 
+def approached(before_m_s2: float, wanted_m_s2: float, dt_s: float) -> float:
+    """Return the acceleration a time after it was another one, as near to the one that is wanted as it can be then."""
+    change_m_s2 = JERK_M_S3 * dt_s
+    return before_m_s2 + min(max(wanted_m_s2 - before_m_s2, -change_m_s2), change_m_s2)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
     """The way ahead of a car: points of the middle of its lanes, in the car's base frame, at equal distances.
@@ -113,6 +119,7 @@ class CarState:
         crashed: whether it has touched something, and stays.
         route: the way ahead.
         traffic_side: side of the road that vehicles keep to, "right" or "left".
+        hit_by_log: whether what it touched first follows a log, which cannot see the car, and drove into it.
     """
 
     speed_m_s: float
@@ -122,3 +129,4 @@ class CarState:
     crashed: bool
     route: Route
     traffic_side: str = "right"
+    hit_by_log: bool = False

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from coopsim.comms.codecs.dsrc import require_dsrc
 from coopsim.config.load import has_parameters, load
 from coopsim.detection.presets import DEFAULT_DETECTOR
 from coopsim.envs.options import PerceptionOptions
@@ -33,8 +34,10 @@ from coopsim.support.checks import (
 )
 from coopsim.types.messages import AGENT_KINDS
 from coopsim.types.sensing import OBSERVED_MODES
+from coopsim.world.drawn_places import LIVE_TRAFFIC, is_live
 from coopsim.world.recording.episode_file import require_recording
 from coopsim.world.scenario import DETAILS
+from coopsim.world.traffic.traffic import ENGINES
 
 OneLidar = str | BeamPattern | LidarConfig
 LidarOption = OneLidar | Mapping[str, OneLidar | Mapping[str, Any]] | Mapping[str, Any] | None
@@ -190,7 +193,8 @@ class SimulationOptions(PerceptionOptions):
         detector: a `Detector` or `OracleDetector`, or the name of one ("none" never detects anything); None is
             `DEFAULT_DETECTOR`.
         embedder: an `Embedder`, or the name of one, that gives every detection an appearance; None: the detector's own.
-        traffic: "arrays" (fast), or "highway-env" (the same models, stepped by highway-env's own objects).
+        traffic: "arrays" (fast), "highway-env" (the same models, stepped by highway-env's own objects), or another
+            program, such as "sumo": one of `coopsim.world.drawn_places.LIVE_TRAFFIC`.
         control: driver of connected cars: "traffic" (the traffic model), "policy" (the action's `maneuver`),
             "acceleration" (the action's `acceleration_m_s2`) or "planner" (the option `planner`, by reported tracks).
         planner: a planner by name, also with parameters, such as "idm_aeb(headway_s=2)", or a class of them.
@@ -200,6 +204,8 @@ class SimulationOptions(PerceptionOptions):
         ground_truth: the objects that count: "visible" (hit by some agent's LiDAR) or "all".
         region_x_m: objects within this distance ahead of and behind the agent count.
         region_y_m: objects within this distance to its left and right count.
+        signal_messages: roadside units broadcast the lights of junctions within 50 m of them (SPATEM and MAPEM, with
+            the extra `etsi`), and all agents hear them: see `coopsim.comms.HeardLights`.
         record: file for every frame's world; each `reset` begins it anew.
         playback: such a file, whose world replaces simulated traffic. The population, `dt_s` and (unless fewer are
             asked for) `max_cycles` are then the recording's.
@@ -222,19 +228,21 @@ class SimulationOptions(PerceptionOptions):
     renderer: Literal["auto", "opengl", "raycast", "pyrender"] = "auto"
     odometry_noise_m: float = LocalizationConfig().odometry_noise_m
     odometry_heading_noise_rad: float = LocalizationConfig().odometry_heading_noise_rad
-    traffic: Literal["arrays", "highway-env"] = "arrays"
+    traffic: str = "arrays"
     control: Literal["traffic", "policy", "acceleration", "planner"] = "traffic"
     planner: PlannerOption = "idm_aeb"
     driven_agents: Sequence[str] | None = None
     ends_on_crash: bool = False
     ground_truth: Literal["visible", "all"] = "visible"
+    signal_messages: bool = False
     record: str | Path | None = None
     playback: str | Path | None = None
 
     def __post_init__(self) -> None:
         if self.detail is not None:
             require_choice("detail", self.detail, DETAILS)
-        require_choice("traffic", self.traffic, ("arrays", "highway-env"))
+        if not is_live(self.traffic):
+            require_choice("traffic", self.traffic, (*ENGINES, *LIVE_TRAFFIC))
         self._check_control()
         self.check_scored()
         require_choice("renderer", self.renderer, RENDERERS)
@@ -243,6 +251,9 @@ class SimulationOptions(PerceptionOptions):
         require_count(1, max_cycles=self.max_cycles, threads=self.threads, sense_every=self.sense_every)
         check_rig(self.cameras)
         require_modes(self.camera_modes)
+        require_flag(signal_messages=self.signal_messages)
+        if self.signal_messages:
+            require_dsrc()
         object.__setattr__(self, "weather", as_weather(self.weather))
         self._check_files()
         lidars = self.lidars

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from coopsim.geometry import exact
-from coopsim.geometry.outlines import along_of
+from coopsim.geometry.outlines import along_of, keep_corners
 from coopsim.geometry.se3 import Floats, wrap_angle
-from coopsim.support.kernels import njit
-from coopsim.types import Mask
 
 ACCURACY_M = 0.05
 """Farthest that points which are left out may lie from the line."""
@@ -102,31 +100,5 @@ def spaced(line: Floats, step_m: float) -> Floats:
 
 def simplified(line: Floats, width_m: Floats) -> tuple[Floats, Floats]:
     """Leave out points that lie nearly on the line, where the width, too, hardly differs."""
-    kept = _needed(np.column_stack([line[:, :2], width_m]), ACCURACY_M)
+    kept = keep_corners(np.column_stack([line[:, :2], width_m]), ACCURACY_M)
     return line[kept], width_m[kept]
-
-
-@njit(cache=True, nogil=True)
-def _needed(points: Floats, accuracy_m: float) -> Mask:
-    """Return the mask (K,) of points (K, 3) that the method of Douglas and Peucker (1973) keeps."""
-    count = len(points)
-    kept = np.zeros(count, np.bool_)
-    kept[0] = kept[-1] = True
-    spans = [(0, count - 1)]
-    while len(spans):
-        first, last = spans.pop()
-        step = points[last] - points[first]
-        square = max(step[0] * step[0] + step[1] * step[1], 1e-12)
-        worst, at = accuracy_m * accuracy_m, -1
-        for k in range(first + 1, last):
-            offset = points[k] - points[first]
-            share = min(max((offset[0] * step[0] + offset[1] * step[1]) / square, 0.0), 1.0)
-            gap = offset - share * step
-            apart = gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2]
-            if apart > worst:
-                worst, at = apart, k
-        if at >= 0:
-            kept[at] = True
-            spans.append((first, at))
-            spans.append((at, last))
-    return kept
