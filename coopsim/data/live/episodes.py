@@ -15,6 +15,7 @@ from coopsim.data.logs.filling import Columns, make_log
 from coopsim.data.logs.play.choice import Wish, choose
 from coopsim.data.logs.track_log import TrackLog
 from coopsim.errors import CoopsimError
+from coopsim.support.checks import require_choice
 from coopsim.world.drawn_options import PlaceSeeds
 from coopsim.world.places.layout import Layout
 from coopsim.world.population import Population
@@ -36,7 +37,6 @@ class LivePart:
     cars: Sequence[str]
     middle: np.ndarray
     radius_m: float
-    controls: Sequence[str] = CONTROLS
     _worlds: list[SumoWorld] = field(default_factory=list)
 
     @property
@@ -50,8 +50,17 @@ class LivePart:
         """SUMO's time at which the episode begins, and its names of the connected cars."""
         return {"sumo_start_s": self.start_s, "sumo_cars": list(self.cars)}
 
-    def world(self, scenario: Scenario, seed: int) -> WorldSource:
-        """Return the world, for which SUMO begins anew."""
+    def world(
+        self, scenario: Scenario, seed: int, *, control: str = "traffic", driven: Sequence[str] | None = None
+    ) -> WorldSource:
+        """Return the world, for which SUMO begins anew; cars without a command are SUMO's.
+
+        Raises:
+            UnknownNameError: cars cannot be driven so, or there is no car of a name.
+        """
+        require_choice("control of cars in traffic of SUMO", control, CONTROLS)
+        for name in driven or ():
+            require_choice("connected car in driven_agents", name, [f"cav_{k}" for k in range(len(self.cars))])
         self.engine.start(self.run)
         self.engine.go_on(self.start_s)
         made = SumoWorld(self.engine, self.run.step_s, self.cars, scenario, self.middle, self.radius_m, seed)

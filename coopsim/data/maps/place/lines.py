@@ -15,6 +15,7 @@ _ROUNDING_M = 1e-6
 _NEAR_M = 0.15  # points nearer to the one before are left out
 _SHARP_RAD, _SHORT_M = np.radians(40.0), 2.0  # corners that are left out
 _CORNER_RAD = np.radians(25.0)  # corners that are sharper are made round
+_SLIGHT_RAD, _LONG_M = np.radians(8.0), 2.0  # and so are slighter ones, where there is so much room
 _CORNER_M = 4.0  # from a corner, at most, where the round begins
 _PULL = 0.4  # of the way between the ends, which a curve follows their directions
 _CURVE_M = 1.5
@@ -50,9 +51,10 @@ def rounded(line: Floats, width_m: Floats) -> tuple[Floats, Floats]:
     line, width_m = _blunt(line[kept], width_m[kept])
     for _ in range(2):
         along = along_of(line)
-        sharp = 1 + np.flatnonzero(turns_rad(line) > _CORNER_RAD)
-        reach_m = np.minimum(np.minimum(np.diff(along)[sharp - 1], np.diff(along)[sharp]) / 3, _CORNER_M)
-        sharp, reach_m = sharp[reach_m > _NEAR_M], reach_m[reach_m > _NEAR_M]
+        turns, steps = turns_rad(line), np.diff(along)
+        reach_m = np.minimum(np.minimum(steps[:-1], steps[1:]) / 3, _CORNER_M)
+        cut = (reach_m > np.where(turns > _CORNER_RAD, _NEAR_M, _LONG_M)) & (turns > _SLIGHT_RAD)
+        sharp, reach_m = 1 + np.flatnonzero(cut), reach_m[cut]
         at = np.sort(np.concatenate([np.delete(along, sharp), along[sharp] - reach_m, along[sharp] + reach_m]))
         line = np.column_stack([np.interp(at, along, column) for column in line.T])
         width_m = np.asarray(np.interp(at, along, width_m))

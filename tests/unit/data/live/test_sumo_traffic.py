@@ -193,9 +193,7 @@ def test_a_car_that_is_driven_into_another_crashes_and_both_stand(played: tuple[
 
 
 def test_an_episode_ends_when_a_connected_car_arrives(network: Path, trips: Path) -> None:
-    env = coopsim.parallel_env(
-        str(network), demand=trips, max_cycles=90, dt_s=1.0, **OPTIONS | {"radius_m": 600.0}
-    )
+    env = coopsim.parallel_env(str(network), demand=trips, max_cycles=90, dt_s=1.0, **OPTIONS | {"radius_m": 600.0})
     coopsim.run_episode(env, coopsim.make_policy("no_fusion"), seed=2)
     frame = env.episode.frame
     assert frame.time_ns < 60e9 and "cav_0" in frame.agents
