@@ -5,6 +5,7 @@
 | `speed_m_s` | all infos | the car's speed along its heading |
 | `progress` | all infos | distance driven so far, per cent of that at the legal speed: the metric `progress` |
 | `crashed` | all infos | the car has touched another body |
+| `hit_by_log` | all infos | what it touched first follows a log, which cannot see the car, and drove into it |
 | `route_completion` | all infos of steered cars | share of the way to the goal that is behind the car, in [0, 1] |
 | `arrive_dest` | all infos of steered cars | the car has reached its goal |
 | `counts` | infos of steps | of the frame's tracks, of all agents |
@@ -103,7 +104,8 @@ class EpisodeInfos:
         for name, way in self._ways.items():
             car = frame.agents[name].car
             assert car is not None
-            infos[name] |= {"speed_m_s": car.speed_m_s, "progress": way.progress, "crashed": car.crashed}
+            infos[name] |= {"speed_m_s": car.speed_m_s, "progress": way.progress}
+            infos[name] |= {"crashed": car.crashed, "hit_by_log": car.hit_by_log}
             if math.isfinite(car.route.length_m):
                 way.arrived |= car.route.arrived and not car.crashed
                 completion = 1.0 if way.arrived else car.route.completion

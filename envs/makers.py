@@ -78,7 +78,11 @@ def simulation_env(
         return CooperativeEnv(Simulation(name, played_scenarios(episode, place), sensed, episode), shared, reward)
     asked = {key: value for group in numbers for key, value in group.items()}
     scenarios = choose_scenarios(scenario, density=density, detail=sensed.detail, drawer=drawer, **asked)
-    return CooperativeEnv(Simulation(name, scenarios, sensed), shared, reward)
+    try:
+        return CooperativeEnv(Simulation(name, scenarios, sensed), shared, reward)
+    except CoopsimError:
+        scenarios.close()
+        raise
 
 
 def situation_env(

@@ -237,6 +237,8 @@ def main() -> None:
     parser.add_argument("--v2v4real", type=Path, help="V2V4Real as a recording set")
     args = parser.parse_args()
     crews = {crew.name: crew for crew in CREWS}
+    for unknown in (name for name in args.crews if name not in crews):
+        parser.error(f"--crews accepts {', '.join(crews)}, got {unknown!r}")
     columns = [(environment, crews[name]) for environment in args.environments for name in args.crews]
     jobs = [(column, place) for column in columns for place in args.places]
     values: dict[tuple[str, Crew], list[Values]] = {column: [] for column in columns}

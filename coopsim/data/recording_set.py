@@ -45,6 +45,12 @@ class Recording:
     truth: Sequence[GroundTruth]
     detections: Mapping[str, Sequence[Detections]]
 
+    def first(self, frames: int | None) -> Recording:
+        """Return at most the first frames; None: all."""
+        cut = slice(frames)
+        detections = {name: each[cut] for name, each in self.detections.items()}
+        return Recording(len(self.truth[cut]), self.truth[cut], detections)
+
 
 class RecordingSet:
     """The sequences below a folder; files are read when a sequence is loaded.

@@ -13,7 +13,7 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.interfaces.planner import PlannedCar, Planner, make_planner
 from coopsim.testing.harness import name_of, require_own_state, untouched
 from coopsim.types import NS_PER_S, Tracks
-from coopsim.types.driving import JERK_M_S3, LARGEST_ACCELERATION_M_S2, LARGEST_BRAKING_M_S2, NOBODY_FIRST, Route
+from coopsim.types.driving import LARGEST_ACCELERATION_M_S2, LARGEST_BRAKING_M_S2, NOBODY_FIRST, Route, approached
 from coopsim.types.taxonomy import ObjectClass
 
 _DT_S, _LENGTH_M, _WIDTH_M, _WHEELBASE_M = 0.1, 4.5, 1.9, 2.6
@@ -100,7 +100,7 @@ def _drive(planner: Planner, name: str, around: _Around) -> _Driven:
             answer = _answer(planner, name, car)
         driven.append((at, speed, answer))
         wanted = min(max(answer, -LARGEST_BRAKING_M_S2), LARGEST_ACCELERATION_M_S2)
-        acceleration += min(max(wanted - acceleration, -JERK_M_S3 * _DT_S), JERK_M_S3 * _DT_S)
+        acceleration = approached(acceleration, wanted, _DT_S)
         speed = max(speed + acceleration * _DT_S, 0.0)
         at += speed * _DT_S
     return driven

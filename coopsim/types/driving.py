@@ -41,6 +41,12 @@ JERK_M_S3 = 40.0
 """Fastest change of a car's acceleration: hydraulic brakes reach full braking 0.2 s after it is asked for."""
 
 
+def approached(before_m_s2: float, wanted_m_s2: float, dt_s: float) -> float:
+    """Return the acceleration a time after it was another one, as near to the one that is wanted as it can be then."""
+    change_m_s2 = JERK_M_S3 * dt_s
+    return before_m_s2 + min(max(wanted_m_s2 - before_m_s2, -change_m_s2), change_m_s2)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
     """The way ahead of a car: points of the middle of its lanes, in the car's base frame, at equal distances.
@@ -146,6 +152,7 @@ class CarState:
         crashed: whether it has touched something, and stays.
         route: the way ahead.
         traffic_side: side of the road that vehicles keep to, "right" or "left".
+        hit_by_log: whether what it touched first follows a log, which cannot see the car, and drove into it.
         steering_rad: angle of the front wheels, positive to the left; 0 for a car that nobody steers.
         wheelbase_m: distance between the axles, of which the middle is the car's; 0 for a car that nobody steers.
         wrong_way: whether a steered car is on lanes that all lead the other way.
@@ -158,6 +165,7 @@ class CarState:
     crashed: bool
     route: Route
     traffic_side: str = "right"
+    hit_by_log: bool = False
     steering_rad: float = 0.0
     wheelbase_m: float = 0.0
     wrong_way: bool = False

@@ -89,6 +89,8 @@ class Observation:
             are no points, images or detections.
         truth: the true objects, in `track` of a policy with `Needs(truth=True)`; None everywhere else.
         attackers: names of the senders that lie, in `track` of such a policy; None everywhere else.
+        signals: SPATEM and MAPEM that arrived since the last observation, oldest capture first; none without the option
+            `signal_messages`. `coopsim.comms.HeardLights` reads them.
     """
 
     time_ns: int
@@ -101,6 +103,7 @@ class Observation:
     sensed: bool = True
     truth: GroundTruth | None = None
     attackers: frozenset[str] | None = None
+    signals: tuple[bytes, ...] = ()
 
     def with_inbox(self, inbox: tuple[Message, ...]) -> Observation:
         """Return the observation with these messages, oldest capture first."""

@@ -51,7 +51,6 @@ class Played(Protocol):
     Attributes:
         over_s: time at which the episode is over.
         facts: facts about it for `infos`, by name.
-        controls: values of the option `control` that its connected cars accept.
     """
 
     @property
@@ -60,11 +59,14 @@ class Played(Protocol):
     @property
     def facts(self) -> Mapping[str, Any]: ...
 
-    @property
-    def controls(self) -> Sequence[str]: ...
+    def world(
+        self, scenario: Scenario, seed: int, *, control: str = "traffic", driven: Sequence[str] | None = None
+    ) -> WorldSource:
+        """Return the world of an episode, in the layout of its scenario; see `World` for `control` and `driven`.
 
-    def world(self, scenario: Scenario, seed: int) -> WorldSource:
-        """Return the world of an episode, in the layout of its scenario."""
+        Raises:
+            CoopsimError: cars cannot be driven so, or there is no car of a name.
+        """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -271,7 +273,7 @@ class EpisodeScenarios(ABC):
     def of(self, seed: int) -> Scenario:
         """Return the scenario of the episode with this seed."""
 
-    def close(self) -> None:  # noqa: B027  (most have none)
+    def close(self) -> None:
         """Release the scenarios' resources."""
 
 

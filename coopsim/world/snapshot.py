@@ -200,10 +200,19 @@ class WorldSource(Protocol):
 
 @runtime_checkable
 class DrivenWorld(WorldSource, Protocol):
-    """A world whose connected cars agents can drive."""
+    """A world whose connected cars agents can drive.
+
+    Attributes:
+        conflict_ids: ids of the actors that a situation's script names as conflicting with the ego.
+    """
+
+    conflict_ids: tuple[int, ...]
 
     def car_ahead(self, name: str) -> CarState:
-        """Return the motion of a connected car and the way ahead of it, as its driver knows them."""
+        """Return the motion of a driven car and the way ahead of it, as its driver knows them."""
 
     def crashed(self) -> tuple[int, ...]:
-        """Return the ids of crashed vehicles."""
+        """Return the ids of crashed vehicles, which stay where they are, as obstacles."""
+
+    def is_over_in(self, time_s: float) -> bool:
+        """Return whether a connected car's way, or what is played, will have ended after a time."""

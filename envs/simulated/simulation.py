@@ -22,13 +22,14 @@ from coopsim.envs.simulated.lidar_sensing import (
 from coopsim.envs.simulated.perception import Perception, observation_format
 from coopsim.envs.simulated.planned_driving import PlannedDriving
 from coopsim.envs.simulated.simulation_options import SimulationOptions
+from coopsim.errors import InvalidValueError
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.scene import RayScene, SceneGeometry
 from coopsim.sensors.visibility import PixelVisibility, Visibility, measure_pixels
 from coopsim.support.arrays import look_up
-from coopsim.support.checks import require_choice
 from coopsim.types import AgentSpec, CameraImage, Ints, Sweep, Tracks, seconds_to_ns
 from coopsim.types.driving import ACCELERATION, MANEUVER, STEERING, Command
+from coopsim.world.intersections import LitJunction, lit_junctions
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import PlayedWorld, RecordedWorld
 from coopsim.world.scenario import EpisodeScenarios, Scenario
@@ -65,7 +66,10 @@ class Simulation(FrameSource):
         self.capacity = most if recording is None else recording.most_actors
         self.region_m = options.region_m
         skips_frames = options.sense_every > 1
-        self.format = observation_format(self.specs, options, options.camera_modes, skips_frames=skips_frames)
+        form = observation_format(self.specs, options, options.camera_modes, skips_frames=skips_frames)
+        self.format = replace(form, signals=options.signal_messages)
+        if options.signal_messages and not any(body.kind == "rsu" for body in bodies.values()):
+            raise InvalidValueError("signal_messages needs a roadside unit that sends them: accepted with rsus >= 1")
 
     def start(self, seed: int, options: Mapping[str, Any]) -> Frame:
         """Begin an episode; see `FrameSource.start`."""
@@ -77,8 +81,8 @@ class Simulation(FrameSource):
             world = RecordedWorld(world, self._options.record, self._scenario, seed, self._options.dt_s)
         self.specs, self._world, self.road_map = self._specify(world.agents()), made, made.map
         self._episode = SimulatedEpisode(self._options, self._equipment, world, self.specs, seed, self._scenario)
-        self._conflicts = made.conflict_ids if isinstance(made, World) else ()
-        if self._driven and isinstance(made, DrivenWorld):
+        self._conflicts = made.conflict_ids if isinstance(made, DrivenWorld) else ()
+        if isinstance(made, DrivenWorld) and self._driven:
             self._episode.let_drive(made, self._driven)
         return self._episode.frame()
 
@@ -92,6 +96,11 @@ class Simulation(FrameSource):
     def driven(self) -> tuple[str, ...]:
         """Names of the cars that a planner or the action drives; see `FrameSource.driven`."""
         return self._driven if self._options.traffic != "highway-env" else ()
+
+    @property
+    def junctions(self) -> tuple[LitJunction, ...]:
+        """Junctions with lights; see `FrameSource.junctions`."""
+        return lit_junctions(self._scenario.layout) if self._options.signal_messages else ()
 
     @property
     def staged(self) -> bool:
@@ -120,8 +129,7 @@ class Simulation(FrameSource):
             return PlayedWorld(self._recording, self._scenario)
         control, traffic, driven = self._options.world_control, self._options.traffic, self._options.driven_agents
         if self._scenario.played is not None:
-            require_choice("control of cars in this traffic", control, self._scenario.played.controls)
-            return self._scenario.played.world(self._scenario, seed)
+            return self._scenario.played.world(self._scenario, seed, control=control, driven=driven)
         route_m, grip = self._options.route_m, self._options.chosen_grip
         return World(self._scenario, seed, control=control, traffic=traffic, driven=driven, route_m=route_m, grip=grip)
 
@@ -229,6 +237,8 @@ class SimulatedEpisode:
         over_s = self._scenario.over_s  # of a situation, or of what is played, as far as it is known by now
         if over_s is None:
             return False
+        if self._ends_when_over and self._cars is not None:
+            return self._cars.is_over_in(self._options.dt_s)
         if self._ends_when_over:  # no agent is there in the next frame
             return (self._cycle + 1) * self._options.dt_s > over_s + 1e-6
         return self._cycle * self._options.dt_s >= over_s - 1e-9

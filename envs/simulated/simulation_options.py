@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from coopsim.comms.codecs.dsrc import require_dsrc
 from coopsim.config.load import has_parameters, load
 from coopsim.detection.presets import DEFAULT_DETECTOR
 from coopsim.envs.options import PerceptionOptions
@@ -209,6 +210,8 @@ class SimulationOptions(PerceptionOptions):
         ground_truth: the objects that count: "visible" (hit by some agent's LiDAR) or "all".
         region_x_m: objects within this distance ahead of and behind the agent count.
         region_y_m: objects within this distance to its left and right count.
+        signal_messages: roadside units broadcast the lights of junctions within 50 m of them (SPATEM and MAPEM, with
+            the extra `etsi`), and all agents hear them: see `coopsim.comms.HeardLights`.
         record: file for every frame's world; each `reset` begins it anew.
         playback: such a file, whose world replaces simulated traffic. The population, `dt_s` and (unless fewer are
             asked for) `max_cycles` are then the recording's.
@@ -239,6 +242,7 @@ class SimulationOptions(PerceptionOptions):
     driven_agents: Sequence[str] | None = None
     ends_on_crash: bool = False
     ground_truth: Literal["visible", "all"] = "visible"
+    signal_messages: bool = False
     record: str | Path | None = None
     playback: str | Path | None = None
 
@@ -255,6 +259,9 @@ class SimulationOptions(PerceptionOptions):
         require_count(1, max_cycles=self.max_cycles, threads=self.threads, sense_every=self.sense_every)
         check_rig(self.cameras)
         require_modes(self.camera_modes)
+        require_flag(signal_messages=self.signal_messages)
+        if self.signal_messages:
+            require_dsrc()
         object.__setattr__(self, "weather", as_weather(self.weather))
         self._check_files()
         lidars = self.lidars

@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import importlib
 import io
+import os
 import weakref
-from collections.abc import Mapping, Set
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -44,7 +45,7 @@ _CLASSES: Mapping[str, int] = {
 }
 """Classes by SUMO's `vClass`; others are cars."""
 
-_OPTIONS = {
+OPTIONS = {
     "collision.action": "warn",  # SUMO would lift cars that crash off the road
     "collision.check-junctions": "true",
     "collision.mingap-factor": "0",  # only bodies that touch
@@ -57,6 +58,7 @@ _OPTIONS = {
 }
 _NOWHERE_M = 1e8  # SUMO puts road users that are on no road farther away
 _ALL_CHECKS_OFF = 32
+_MOST_LETTERS = 300  # of what SUMO says, in a message
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +101,6 @@ class Users:
     def __getitem__(self, rows: Ints) -> Users:
         names = tuple(self.names[row] for row in rows.tolist())
         return Users(names, self.kind[rows], self.place[rows], self.heading[rows], self.velocity[rows])
-
 
     def joined(self, others: Users) -> Users:
         """Return these and others."""
@@ -150,21 +151,21 @@ class SumoEngine:
         self.size[self.label == LEFT_OUT] = SIZES_M[ObjectClass.CAR]  # they are nowhere
 
     def _load(self, run: SumoRun, folder: Path) -> None:
-        log = folder / "errors.txt"
         options = {
-            **_OPTIONS,
+            **OPTIONS,
             "net-file": str(_file(run.network, folder / "network.net.xml")),
             "route-files": str(_file(run.demand, folder / "demand.rou.xml")),
             "begin": repr(run.begin_s),
             "step-length": repr(run.step_s),
             "seed": str(run.seed % 2**31),
-            "error-log": str(log),
         }
+        errors = folder / "errors.txt"
         try:
-            self.sumo.start(["sumo", *(word for name, value in options.items() for word in (f"--{name}", value))])
-        except self.sumo.TraCIException as error:
-            said = log.read_text(errors="replace").split() if log.is_file() else [str(error)]
-            raise MapFileError(f"SUMO cannot run {_name(run.network)}: {' '.join(said)[:300]}") from None
+            with _told_to(errors):
+                self.sumo.start(["sumo", *(word for name, value in options.items() for word in (f"--{name}", value))])
+        except self.sumo.TraCIException:
+            said = " ".join(errors.read_text(errors="replace").split())
+            raise MapFileError(f"SUMO cannot run {_name(run.network)}: {said[:_MOST_LETTERS]}") from None
 
     def close(self) -> None:
         """End the run, and let other environments have SUMO."""
@@ -234,8 +235,21 @@ def _library() -> Any:
             return importlib.import_module("libsumo")
     except ImportError as error:
         raise MissingDependencyError(
-            f'traffic="sumo" needs libsumo, which does not load here ({error}): pip install \'coopsim[sumo]\''
+            f"traffic=\"sumo\" needs libsumo, which does not load here ({error}): pip install 'coopsim[sumo]'"
         ) from None
+
+
+@contextlib.contextmanager
+def _told_to(file: Path) -> Iterator[None]:
+    """Write to a file what the library says of errors, which it writes to the process's."""
+    with file.open("wb") as written:
+        before = os.dup(2)
+        os.dup2(written.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(before, 2)
+            os.close(before)
 
 
 def _file(given: Path | str, written: Path) -> Path:
@@ -258,6 +272,7 @@ def step_for(dt_s: float) -> float:
     """
     whole = round(1000 * dt_s)
     if whole < 1 or abs(1000 * dt_s - whole) > 1e-6:
-        raise InvalidValueError(f'dt_s must be of whole milliseconds with traffic="sumo", as SUMO\'s time is, got {dt_s}')
+        raise InvalidValueError(
+            f'dt_s must be of whole milliseconds with traffic="sumo", as SUMO\'s time is, got {dt_s}'
+        )
     return max(step for step in range(1, round(1000 * LONGEST_STEP_S) + 1) if whole % step == 0) / 1000
-

@@ -43,6 +43,8 @@ class SumoWorld:
         seed: the episode's: models and colours.
     """
 
+    conflict_ids: tuple[int, ...] = ()
+
     def __init__(
         self,
         engine: SumoEngine,
@@ -169,6 +171,10 @@ class SumoWorld:
     def crashed(self) -> tuple[int, ...]:
         """Return the ids of connected cars that crashed while agents drove them, and of whom they touched."""
         return tuple(sorted(self._number[name] for name in self._crashed if name in self._number))
+
+    def is_over_in(self, time_s: float) -> bool:
+        """Return whether a connected car arrived or left the place, and none is to be seen after a time."""
+        return self.left_s is not None and self._time_s + time_s > self.left_s + 1e-6
 
     def _on_ground(self, place: Floats) -> Floats:
         return np.column_stack([place, self._layout.heights(place)])

@@ -59,7 +59,10 @@ def way_ahead(sumo: Any, name: str, middle: Floats, heading: float) -> Route:
 def _lanes(sumo: Any, name: str) -> tuple[list[tuple[str, int]], int | None]:
     """Return a vehicle's lane and those ahead with their right of way, and after which of them a light is closed."""
     lanes, closed = [(sumo.vehicle.getLaneID(name), NOBODY_FIRST)], None
+    far_m = sumo.vehicle.getLanePosition(name) + REACH_M
     for lane, _, _, _, via, state, _, _ in sumo.vehicle.getNextLinks(name):
+        if sum(sumo.lane.getLength(each) for each, _ in lanes) > far_m:
+            break
         if state in _CLOSED and closed is None:
             closed = len(lanes) - 1
         while via:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
-from coopsim.types.driving import JERK_M_S3, Command, Route
+from coopsim.types.driving import Command, Route, approached
 from coopsim.types.messages import MANEUVERS
 from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.road_network import Road
@@ -79,9 +79,8 @@ class ArrayEngine:
             if isinstance(command, tuple):
                 actuate(fleet.rows[row], *command, dt_s)
             elif isinstance(command, float):
-                change_m_s2 = JERK_M_S3 * dt_s
                 before = float(fleet.rows["acceleration"][row])
-                fleet.rows["acceleration"][row] = before + min(max(command - before, -change_m_s2), change_m_s2)
+                fleet.rows["acceleration"][row] = approached(before, command, dt_s)
             else:
                 _obey(self._network, fleet.rows, fleet.routes, row, command, self._speeds)
         self.lights.step(dt_s)

@@ -100,7 +100,7 @@ def points_ahead(
             rights[k] = HAS_PRIORITY
         elif movement >= 0 and movements.role[movement] == YIELDS:
             rights[k] = GIVES_WAY
-        if k * spacing_m >= stop_m:
+        if (k + 1) * spacing_m > stop_m:  # planners stop at the first point that says so, or a little beyond
             limit[k], rights[k] = 0.0, GIVES_WAY
         along += spacing_m
     return points, limit, rights, vehicle.heading, lanes, places

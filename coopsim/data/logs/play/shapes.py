@@ -18,9 +18,7 @@ _STEP_M = 0.01
 """Sizes are met to half of it, so that road users of one type share a model."""
 
 
-def fitted_models(
-    labels: Ints, sizes: Floats, base: Sequence[Model], seed: int
-) -> tuple[tuple[Model, ...], Ints]:
+def fitted_models(labels: Ints, sizes: Floats, base: Sequence[Model], seed: int) -> tuple[tuple[Model, ...], Ints]:
     """Return the models of road users, and which of them each has (T,).
 
     Args:

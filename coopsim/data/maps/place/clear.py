@@ -60,7 +60,7 @@ def _beside_loops(walks: MapWays, discs: Floats) -> MapWays:
         line = np.array([walks.nodes[name] for name in way])
         step, offset = np.diff(line, axis=0)[:, None], discs[:, :2] - line[:-1, None]
         share = np.clip(exact.dot(offset, step) / np.maximum(exact.dot(step, step), 1e-12), 0.0, 1.0)
-        barred = (exact.norm(offset - share[..., None] * step) < discs[:, 2]).any(axis=1)
+        barred = np.asarray((exact.norm(offset - share[..., None] * step) < discs[:, 2]).any(axis=1))
         ends = [-1, *np.flatnonzero(barred).tolist(), len(barred)]
         runs += [way[first + 1 : last + 1] for first, last in pairwise(ends)]
     ways = tuple(run for run in runs if len(run) > 1)

@@ -26,6 +26,7 @@ _WIDTHS_M, _SPEEDS_M_S = (2.5, 8.0), (1.0, 25.0)  # who drives faster cannot sto
 _ALIKE_M = 0.02
 _DECIMALS = 3
 _LOOP_M = (3.2, 15.5)  # from a lane to one on its inner side, into which vehicles can turn round
+_SIDE_M = 3.0  # from the middle of their lanes to the middle of that between them and others
 _BEYOND_M, _LEAST_M = 32.0, 20.0  # that loops reach beyond the ends of lanes; that is left of these
 _OPPOSITE_RAD = np.radians(160.0)
 _ROOM_M = 300.0  # of lanes without end, on which connected cars can stay
@@ -118,7 +119,7 @@ def _loops(strips: Strips, inner: int) -> list[MapLane]:
             into = part_of(coming.line, coming.width_m, back_m, coming.length_m)
             if not _face(out[0], into[0], inner):
                 continue
-            (*middle, radius_m), _ = loop_ground(out[0][-1, :2], into[0][0, :2], 0.0)
+            (*middle, radius_m), _ = loop_ground(out[0][-1, :2], into[0][0, :2], _SIDE_M)
             others = [lanes[name] for name in lanes if name not in (leaving.name, coming.name)]
             free = not others or float(exact.norm(np.concatenate(others) - middle).min()) > radius_m
             if free and all(float(exact.norm(middle - each)) > 2 * radius_m for each in taken):

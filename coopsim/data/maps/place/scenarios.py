@@ -253,8 +253,9 @@ class MapScenarios(EpisodeScenarios):
         place_seed = self._seeds.of(seed)
         place = draw_place(self._file, self._options, place_seed, self._needs)
         layout = place.make_layout()
-        vehicles = max(self._needs.starts, min(_USUAL.vehicles, int(_FREE_SHARE * len(layout.slots))))
-        population = self._fitting(self._wanted(replace(_USUAL, vehicles=vehicles)), layout)
+        most = max(self._needs.starts, int(_FREE_SHARE * len(layout.slots)))
+        population = self._fitting(self._wanted(replace(_USUAL, vehicles=min(_USUAL.vehicles, most))), layout)
+        population = population.within(most, *rooms(layout)[0][1])  # more would stand in jams
         made = make_scenario(place, detail=self._detail, **population.numbers)
         return replace(made, name=self.name, place_seed=place_seed)
 

@@ -20,7 +20,7 @@ from coopsim.data.maps.place.scenarios import _Needs
 from coopsim.data.maps.place.strips import Strip, strips_of
 from coopsim.data.maps.reading import read_map
 from coopsim.data.maps.street_map import SignalProgram, StreetJunction, StreetLane, StreetMap, StreetWay, Turn
-from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.errors import CrowdedWarning, InvalidValueError, UnknownNameError
 from coopsim.world.custom.conflicts import conflicting_roads
 from coopsim.world.custom.place import place_from
 from coopsim.world.drawn_places import choose_scenarios, find_drawer, is_place_file
@@ -172,6 +172,29 @@ def test_loops_lie_within_the_place_where_lanes_are_long_enough(length_m: float,
     assert half_m + beyond_m - 5 < reach_m < half_m + beyond_m + 1
 
 
+def test_vehicles_in_two_loops_do_not_meet() -> None:
+    pairs = [
+        (lane(f"a{k}", (-80, y), (80, y)), lane(f"b{k}", (80, y + 4), (-80, y + 4))) for k, y in enumerate((0.0, 21.0))
+    ]
+    described = describe_place(map_of(*pairs[0], *pairs[1]), 0)
+    lanes = place_from(described, "loops").make_layout().network.lanes
+    loops = [(road.start, road.end) for road in described.roads if road.turn == "around"]
+    lines = [
+        np.concatenate(
+            [
+                each.positions(np.linspace(0, each.length, 30), 0.0)
+                for name, each in lanes.items()
+                if f"{start}>{end}." in name[0]
+            ]
+        )
+        for start, end in loops
+    ]
+    assert len(lines) > 2
+    for k, line in enumerate(lines):
+        for other in lines[:k]:
+            assert np.hypot(*(line[:, None] - other).transpose(2, 0, 1)).min() > 5.0
+
+
 def test_a_map_is_a_scenario_by_its_path(tmp_path: Path) -> None:
     path = str(written(tmp_path, THREE_ROADS, "map.xodr"))
     assert is_place_file(path) and is_place_file(Path(path)) and not is_place_file("town")
@@ -201,6 +224,15 @@ def test_a_map_without_a_place_for_a_unit_has_none_unless_asked_for(tmp_path: Pa
     assert scenarios.of(3).population.rsus == 0
     with pytest.raises(InvalidValueError, match="less than 1 places for roadside units"):
         choose_scenarios(path, rsus=1, **options)  # type: ignore[arg-type]
+
+
+def test_vehicles_are_as_many_as_drive_in_a_place(tmp_path: Path) -> None:
+    path = str(written(tmp_path, THREE_ROADS, "map.xodr"))
+    with pytest.warns(CrowdedWarning, match="there is room for 8 of 100 "):
+        scenario = choose_scenarios(
+            path, around=(110.0, -5.0), radius_m=90.0, connected_cars=2, vehicles=100, detail="plain"
+        ).of(3)
+    assert scenario.population.vehicles == 8 == int(0.6 * len(scenario.layout.slots))
 
 
 def test_what_would_stand_on_lanes_or_loops_is_left_out() -> None:
