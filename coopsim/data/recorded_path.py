@@ -1,8 +1,8 @@
 """Path of a recording car whose files have boxes in its own frame and no poses: what stands still says it.
 
 Unlike `coopsim.data.ego_motion`, which is causal and is given detections alone, this looks at a whole recording at
-once, and knows which boxes are of one object. The unknowns are the car's poses (x_k, h_k) and the places p_j of objects that
-stand. They minimize
+once, and knows which boxes are of one object. The unknowns are the car's poses (x_k, h_k) and the places p_j of
+objects that stand. They minimize
 
     sum_i rho(|x_k + R(h_k) z_i - p_j| / LABEL_M)                boxes z_i of standing objects; rho is Geman-McClure's
     + sum_k |x_{k+1} - x_k - R(h_k) o_k|^2 / STEP_M^2            first estimates of steps o_k,

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter
+from scipy.ndimage import maximum_filter, uniform_filter1d
 
 from coopsim.data.recorded_path import in_world
 from coopsim.data.recording_set import Recording
@@ -69,7 +69,7 @@ def find_second_car(recording: Recording, names: Sequence[str], pose: Floats) ->
         pose: (F, 3) the first car's path.
     """
     frames = [
-        _Frame.of(recording.truth[k], *(recording.detections[name][k] for name in names), heading=pose[k, 2])
+        _Frame.of(recording.truth[k], recording.detections[names[0]][k], recording.detections[names[1]][k], pose[k, 2])
         for k in range(recording.frames)
     ]
     cells, score = _best_path([each.scores() for each in frames])
@@ -138,10 +138,12 @@ def _highest(scores: Floats) -> Ints:
 
 
 def _middle_of_boxes(recording: Recording, name: str) -> Floats:
-    """Return the median place (F, 2) of a car's boxes in the two seconds around each frame."""
+    """Return the median place (F, 2) of a car's boxes in the two seconds around each frame, in turn averaged so."""
     boxes = [each.boxes.center[:, :2] for each in recording.detections[name]]
     around = [np.concatenate(boxes[max(k - _AROUND, 0) : k + _AROUND + 1]) for k in range(len(boxes))]
-    return np.array([np.median(each, axis=0) if len(each) else np.zeros(2) for each in around])
+    medians = np.array([np.median(each, axis=0) if len(each) else np.zeros(2) for each in around])
+    averaged: Floats = uniform_filter1d(medians, 2 * _AROUND + 1, axis=0, mode="nearest")
+    return averaged
 
 
 def _headings(truth: Sequence[GroundTruth], label: Ints, pose: Floats) -> Floats:

@@ -27,6 +27,7 @@ from coopsim.data.logs.floating_lines import NUMBERS, ROOT, USERS, FloatingRows,
 from coopsim.data.logs.tables import Table
 from coopsim.data.maps.elements import Start, read_starts
 from coopsim.errors import LogFileError, MapFileError
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
@@ -99,9 +100,15 @@ def _starts(path: Path) -> Iterator[Start]:
         raise LogFileError(str(error)) from None
 
 
+def heading_and_velocity(angle_deg: Floats, speed_m_s: Floats) -> tuple[Floats, Floats]:
+    """Return headings (N,) rad and velocities (N, 2) m/s, from angles (N,) clockwise from north and speeds (N,)."""
+    heading = np.pi / 2 - np.radians(angle_deg)
+    return heading, speed_m_s[:, None] * np.column_stack([exact.cos(heading), exact.sin(heading)])
+
+
 def _columns(where: tuple[str, int], ids: NDArray[Any], types: list[str], type_: Ints, numbers: Floats) -> Columns:
     time_s, x, y, angle, speed = numbers.T
-    heading = np.pi / 2 - np.radians(angle)
+    heading, velocity = heading_and_velocity(angle, speed)
     label = np.array([_label(name) for name in types], np.int64)[type_]
     usual = np.array([_CAR_M if k == ObjectClass.CAR else SIZES_M[k] for k in ObjectClass])
     return Columns(
@@ -111,7 +118,7 @@ def _columns(where: tuple[str, int], ids: NDArray[Any], types: list[str], type_:
         label=label,
         xy=np.column_stack([x, y]),
         heading=heading,
-        velocity=speed[:, None] * np.column_stack([np.cos(heading), np.sin(heading)]),
+        velocity=velocity,
         size=usual[label],
         front=True,
     )

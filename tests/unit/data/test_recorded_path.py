@@ -1,9 +1,15 @@
 """The path of a car is recovered from boxes in its own frame, of which some stand."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from detector_matches import AGENTS
+from measure_twin import seconds_apart
+from twin_worlds import TwinWorld
 
 from coopsim.data.recorded_path import RecordedPath, Sightings, chained, in_world, recover_path, residuals_of
+from coopsim.data.recording_set import RecordingSet
 from coopsim.support.rng import stream
 
 FRAMES = 120
@@ -88,3 +94,15 @@ def test_objects_left_out_lie_where_they_stood() -> None:
     path = recover_path(one, rough(pose))
     standing, residual_m = residuals_of(two, path.pose)
     assert standing.any() and np.nanmax(np.abs(residual_m)) < 0.1
+
+
+def test_labels_of_v2v4real_lie_within_centimetres_in_the_recovered_world(v2v4real: Path) -> None:
+    world = TwinWorld.of(RecordingSet(v2v4real, "v2v4real").load("0003", AGENTS))
+    (one, over_one), (two, over_two) = world.halves()
+    over_m = np.concatenate([over_one, over_two])
+    over_m = over_m[np.isfinite(over_m[:, 0])]
+    assert len(over_m) > 500
+    assert np.median(np.abs(over_m)) < 0.05, "objects by which the path was not recovered lie where they stood"
+    apart_m, apart_rad = seconds_apart(one.pose, two.pose)
+    assert apart_m < 0.3 and apart_rad < 0.01, "both halves of the objects say where the car is a second later"
+    assert np.mean(world.second.label == 39) > 0.9
