@@ -92,7 +92,7 @@ class Route:
 
     @property
     def arrived(self) -> bool:
-        """Whether the goal is reached: it is at most 5 m ahead (as in MetaDrive), and the car is on its lane there."""
+        """Flag of a reached goal: it is at most 5 m ahead (as in MetaDrive), and the car is on its lane there."""
         return self.goal_m <= ARRIVES_M and math.hypot(*self.points[0]) <= self.lane_width_m[0]
 
     @property
