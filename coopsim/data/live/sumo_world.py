@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from coopsim.data.live.engine import SumoEngine
+from coopsim.data.live.engine import SumoEngine, Users
 from coopsim.data.live.lights import SumoLights
 from coopsim.data.live.way_ahead import way_ahead
 from coopsim.data.logs.play.shapes import fitted_models
@@ -74,6 +74,7 @@ class SumoWorld:
         self._known: dict[str, CarState] = {}
         self.left_s: float | None = None
         self._begin_s, self._steps = engine.time_s, 0
+        self._now: Users
         self._look()
 
     def step(self, dt_s: float, commands: Mapping[str, Command] | None = None) -> None:

@@ -235,6 +235,8 @@ def test_a_town_is_driven_by_sumo(network: Path) -> None:
         ({"vehicles": 20}, "unknown option of a network"),
         ({"control": "policy"}, "Accepted: acceleration, planner, traffic"),
         ({"rsus": 40}, "rsus must be at most"),
+        ({"control": "steering"}, "Accepted: acceleration, planner, traffic"),
+        ({"signal_messages": True}, "unknown traffic with signal_messages"),
     ],
 )
 def test_wrong_options_are_refused_in_one_line(
