@@ -9,12 +9,13 @@ the relative pose, and by part of each box's own error. The latter is taken off.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from coopsim.data.recording_set import RecordingSet
+from coopsim.data.recording_set import Recording, RecordingSet
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Detections
 
@@ -29,18 +30,18 @@ def main() -> None:
     """Read the arguments and print both residuals."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recordings", type=Path, help="folder of the recordings")
-    pairs = common_objects(RecordingSet(parser.parse_args().recordings))
+    recordings = RecordingSet(parser.parse_args().recordings)
+    pairs = common_objects(recordings.load(each, ("ego", "1")) for each in recordings.sequences)
     shift, turn = residuals(pairs)
     print(f"{len(pairs)} frames in which both cars detect {LEAST_OBJECTS} objects or more")
     print(f"relative: {shift:.2f} m an axis, {turn:.2f} degrees")
     print(f"of each car: {shift / 2**0.5:.2f} m, {turn / 2**0.5:.2f} degrees")
 
 
-def common_objects(recordings: RecordingSet) -> list[tuple[Floats, Floats]]:
+def common_objects(recordings: Iterable[Recording]) -> list[tuple[Floats, Floats]]:
     """Return both cars' centres (N, 2) m of the same N objects, for each frame."""
     found = []
-    for sequence in recordings.sequences:
-        recording = recordings.load(sequence, ("ego", "1"))
+    for recording in recordings:
         for frame in range(recording.frames):
             truth = recording.truth[frame].boxes.center[:, :2]
             first, second = (centres_by_object(recording.detections[car][frame], truth) for car in ("ego", "1"))

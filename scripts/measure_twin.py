@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from detector_matches import AGENTS, Matches
 from fit_detector import WITHOUT, fit, to_yaml
+from measure_pose_residual import common_objects, residuals, spread
 from rank_policies import DRAWS, METRICS, on_recordings
 from scipy.stats import kendalltau, spearmanr
 from tabulate import tabulate
@@ -42,8 +43,8 @@ POLICIES = (
     "no_fusion", "late_fusion", "sequential_kf", "coop_fuse", "track_to_track", "dino_codt_tracking",
     "yoloo_geometry", "graph_lap_aos", "graph_lap_tsa", "vic_fscm_association(score_decay=1)",
 )  # fmt: skip
-SEEDS = range(2)
-"""Draws of the twin: of misses, errors, false boxes, and of the error between both cars' poses."""
+DETECTOR, POSES = "detector.yaml", "poses.json"
+"""Files of what is fitted."""
 
 FITTED_FRAMES = 120
 """Frames of each training recording that are fitted to, its first 12 s: short and long ones count alike."""
@@ -68,17 +69,15 @@ def main() -> None:
     parser.add_argument("recordings", type=Path, help="folder with train/ and val/")
     parser.add_argument("--out", type=Path, required=True, help="folder for what is measured")
     parser.add_argument("--check", action="store_true", help="compare one draw on training recordings, no trackers")
+    parser.add_argument("--draws", type=int, default=3, help="draws of the twin: misses, errors, false boxes, poses")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    train = worlds(given.recordings / "train", WITHOUT, FITTED_FRAMES)
-    fitted, poses = fit_twin(train, given.out)
-    detector = CorrelatedDetector(read_config(fitted))
-    name, tested = ("train", train) if given.check else ("val", worlds(given.recordings / "val"))
-    folders = [
-        write_twin(tested, given.out / f"{name}_{seed}", detector, poses, seed)
-        for seed in SEEDS[: 1 if given.check else None]
-    ]
-    real = given.recordings / name
+    if not (given.out / POSES).is_file():
+        fit_twin(worlds(given.recordings / "train", WITHOUT, FITTED_FRAMES), given.out)
+    name, real = ("train", given.recordings / "train") if given.check else ("val", given.recordings / "val")
+    tested = worlds(real, WITHOUT if given.check else (), FITTED_FRAMES if given.check else None)
+    draws = range(1 if given.check else given.draws)
+    folders = [write_twin(tested, given.out / f"{name}_{seed}", given.out, seed) for seed in draws]
     print(exactness_table(tested), "\n")
     print(detection_tables(real, folders, tested))
     if not given.check:
@@ -93,17 +92,16 @@ def worlds(folder: Path, leave_out: tuple[str, ...] = (), most: int | None = Non
     return {each: TwinWorld.of(recordings.load(each, AGENTS).first(most)) for each in tqdm(kept, "worlds")}
 
 
-def fit_twin(train: Mapping[str, TwinWorld], out: Path) -> tuple[Path, dict[str, list[float]]]:
-    """Fit the detector, and the error between the cars' poses, to training recordings; return the files' content."""
-    fitted, errors = out / "detector.yaml", out / "poses.json"
-    if not fitted.is_file():
-        matches = {name: Matches() for name in AGENTS}
-        for episode, (name, world) in enumerate(tqdm(train.items(), "sensing")):
-            add_matches(matches, episode, world, out / "logs" / f"train_{name}")
-        fitted.write_text(to_yaml(fit(*(each.close() for each in matches.values()))), encoding="utf-8")
-    if not errors.is_file():
-        errors.write_text(json.dumps(pose_errors([world.labels for world in train.values()])), encoding="utf-8")
-    return fitted, json.loads(errors.read_text(encoding="utf-8"))
+def fit_twin(train: Mapping[str, TwinWorld], out: Path) -> None:
+    """Fit the detector, and the error between the cars' poses, to training recordings; write both."""
+    matches = {name: Matches() for name in AGENTS}
+    for episode, (name, world) in enumerate(tqdm(train.items(), "sensing")):
+        add_matches(matches, episode, world, out / "logs" / f"train_{name}")
+    detector = to_yaml(fit(*(each.close() for each in matches.values())))
+    (out / DETECTOR).write_text(detector, encoding="utf-8")
+    turn_rad = float(np.radians(residuals(common_objects(world.recording for world in train.values()))[1]))
+    errors = pose_errors([world.labels for world in train.values()], turn_rad)
+    (out / POSES).write_text(json.dumps(errors), encoding="utf-8")
 
 
 def add_matches(matches: dict[str, Matches], episode: int, world: TwinWorld, log: Path) -> None:
@@ -138,29 +136,35 @@ def twin_frames(world: TwinWorld, log: Path, detector: Any, seed: int) -> Iterat
             yield list(notes), frame
 
 
-def pose_errors(labels: list[Labels]) -> dict[str, list[float]]:
+def pose_errors(labels: list[Labels], turn_rad: float) -> dict[str, list[float]]:
     """Return how the second car's labels lie off, by its labels of the first car, which is at the origin.
 
+    Headings of labels err by more than the poses do, so the spread of turns is given.
+
     Returns:
-        x, y (m) and heading (rad): mean and standard deviation over recordings of each one's median, the standard
-        deviation within recordings, and the correlation of what is within after 0.1 s.
+        x, y (m) and heading (rad): mean and standard deviation over recordings of each one's median, the robust
+        standard deviation within recordings, and the correlation of what is within after a frame.
     """
     middles, within, first, second = [], [], [], []
     for each in labels:
         rows = np.flatnonzero(each.own)
         if len(rows) < 2:
             continue
-        off = np.column_stack([each.boxes.center[rows, :2], (each.boxes.yaw[rows] + np.pi / 2) % np.pi - np.pi / 2])
-        middles.append(np.median(off, axis=0))
-        within.append(off - middles[-1])
+        at_m = each.boxes.center[rows, :2]
+        middles.append(np.median(at_m, axis=0))
+        within.append(at_m - middles[-1])
         follows = np.diff(each.frame[rows]) == 1
         first.append(within[-1][:-1][follows])
         second.append(within[-1][1:][follows])
-    spread = np.concatenate(within).std(axis=0)
-    joined = np.concatenate(first), np.concatenate(second)
-    kept = (joined[0] * joined[1]).mean(axis=0) / (np.concatenate(within) ** 2).mean(axis=0)
-    parts = {"mean": np.mean(middles, axis=0), "between": np.std(middles, axis=0), "within": spread, "kept": kept}
-    return {name: part.tolist() for name, part in parts.items()}
+    before, after = np.concatenate(first), np.concatenate(second)
+    kept = 1 - spread(after - before) ** 2 / (2 * spread(before) ** 2)
+    parts = {
+        "mean": [*np.mean(middles, axis=0), 0.0],
+        "between": [*np.std(middles, axis=0), 0.0],
+        "within": [*spread(np.concatenate(within)), turn_rad],
+        "kept": [*kept, kept[0]],
+    }
+    return {name: [float(each) for each in part] for name, part in parts.items()}
 
 
 def draw_pose_errors(errors: Mapping[str, list[float]], frames: int, seed: int, name: str) -> Floats:
@@ -174,10 +178,13 @@ def draw_pose_errors(errors: Mapping[str, list[float]], frames: int, seed: int, 
     return moved
 
 
-def write_twin(
-    twins: Mapping[str, TwinWorld], folder: Path, detector: CorrelatedDetector, poses: dict[str, list[float]], seed: int
-) -> Path:
-    """Write the twins as a recording set, in the recordings' format and frame, and return the folder."""
+def write_twin(twins: Mapping[str, TwinWorld], folder: Path, fitted: Path, seed: int) -> Path:
+    """Write the twins as a recording set, in the recordings' format and frame, and return the folder.
+
+    `fitted` is the folder of what `fit_twin` writes.
+    """
+    detector = CorrelatedDetector(read_config(fitted / DETECTOR))
+    poses = json.loads((fitted / POSES).read_text(encoding="utf-8"))
     for number, (name, world) in enumerate(twins.items()):
         done = folder / "labels" / f"{name}.txt"
         if done.is_file():
@@ -333,7 +340,7 @@ class Found:
         recordings, rows, false = RecordingSet(folder, "v2v4real"), [], ([], [])
         ranked: tuple[list[Any], list[Any]] = ([], [])
         for number, (name, world) in enumerate(twins.items()):
-            recording, labels = recordings.load(name, AGENTS), world.labels
+            recording, labels = recordings.load(name, AGENTS).first(world.recording.frames), world.labels
             asked = ~np.column_stack([labels.own, world.is_second(np.arange(len(labels.id)))])
             for k in range(recording.frames):
                 truth, mine = recording.truth[k].boxes, asked[labels.frame == k]

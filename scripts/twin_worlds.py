@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from detector_matches import AGENTS, GATE_M, Watch
+from numpy.typing import NDArray
 
 import coopsim
 from coopsim.data.ego_motion import EgoMotion
@@ -36,6 +37,9 @@ FRAME_S, LONGEST = 0.1, 320
 FIRST_IDS = 100
 SAME_M = 2.0
 """Labels of both cars that are nearer to each other are of one object."""
+
+LEAP_M = 10.0
+"""Displacement in a frame beyond what cars do to each other."""
 
 _CAR_M = np.array([4.6, 1.85, 1.55])
 """Size of both cars where no label says it; a label's height includes what stands on the roof."""
@@ -130,7 +134,7 @@ class TwinWorld:
         first, second = (np.tile(self.car_size_m(k), (len(frames), 1)) for k in (0, 1))
         columns = [
             (
-                np.array([f"object {k}" for k in labels.id[rows]]),
+                self._names(rows),
                 when,
                 boxes.center[:, :2],
                 boxes.yaw,
@@ -160,6 +164,16 @@ class TwinWorld:
             ),
         )
         write_table(path, log)
+
+    def _names(self, rows: Ints) -> NDArray[np.str_]:
+        """Return names of labelled objects; an id that goes on elsewhere, by a leap, is another object's from there."""
+        labels = self.labels
+        order = np.lexsort((labels.frame[rows], labels.id[rows]))
+        frame, identity, at = (column[rows][order] for column in (labels.frame, labels.id, labels.boxes.center[:, :2]))
+        leaps = np.hypot(*np.diff(at, axis=0).T) > LEAP_M * np.diff(frame)
+        number = np.zeros(len(rows), np.int64)
+        number[order[1:]] = np.cumsum(leaps & (np.diff(identity) == 0))
+        return np.array([f"object {k} {n}" for k, n in zip(labels.id[rows], number, strict=True)])
 
     def car_size_m(self, number: int) -> Floats:
         """Return the size (3,) of the first or second car."""

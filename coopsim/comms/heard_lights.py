@@ -90,7 +90,9 @@ def _lights(geometry: IntersectionMap, phases: SignalPhases, observation: Observ
     found = []
     for lane in geometry.lanes:
         stop_m = _stop_m(lane.points, place, forward, half_m) if lane.kind == "vehicle" and lane.approaches else None
-        for to_lane, group in lane.connections if stop_m is not None else ():
+        if stop_m is None:
+            continue
+        for to_lane, group in lane.connections:
             if group in row:
                 k = row[group]
                 light = MovementPhase(int(phases.phase[k])), float(left_s[k])

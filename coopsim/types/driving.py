@@ -15,6 +15,12 @@ from coopsim.types.units import Ints
 Command = int | float | tuple[float, float]
 """Command of an agent to its car: a maneuver, an acceleration in m/s², or that and a steering angle in rad."""
 
+
+def acceleration_of(command: Command) -> float:
+    """Return the acceleration of a command that has one, m/s²."""
+    return float(command[0] if isinstance(command, tuple) else command)
+
+
 MANEUVER, ACCELERATION, STEERING = "maneuver", "acceleration_m_s2", "steering"
 """Parts of an action by which an agent drives; see `AgentSpec.command`."""
 
@@ -92,7 +98,7 @@ class Route:
 
     @property
     def arrived(self) -> bool:
-        """Whether the goal is reached: it is at most 5 m ahead (as in MetaDrive), and the car is on its lane there."""
+        """Flag of a reached goal: it is at most 5 m ahead (as in MetaDrive), and the car is on its lane there."""
         return self.goal_m <= ARRIVES_M and math.hypot(*self.points[0]) <= self.lane_width_m[0]
 
     @property

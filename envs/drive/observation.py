@@ -1,4 +1,4 @@
-"""What a driver of `coopsim/drive-v1` observes: one row of numbers in [-1, 1], in the car's own frame.
+"""Observations of drivers in `coopsim/drive-v1`: a row of numbers in [-1, 1], in the car's own frame.
 
 | part | numbers | columns |
 |---|---|---|
@@ -39,8 +39,6 @@ NUMBERS = len(CAR) + POINTS * len(ROUTE) + NEAREST * len(OTHERS)
 """Length of an observation."""
 
 _FASTEST_M_S, _ASIDE_M, _LONGEST_M, _WIDEST_M = 40.0, 4.0, 20.0, 4.0
-_ON_FOOT = (ObjectClass.PEDESTRIAN, ObjectClass.CHILD)
-
 Observed = NDArray[np.float32]
 
 
@@ -82,15 +80,11 @@ def _of_car(car: CarState, time_left: float) -> Floats:
 def _of_route(route: Route) -> Floats:
     at = np.arange(1, POINTS + 1) * round(SPACING_M / route.spacing_m)
     at = np.minimum(at, len(route.points) - 1)
-    rows: Floats = np.column_stack(
-        [
-            route.points[at] / REACH_M,
-            route.speed_limit_m_s[at] / _FASTEST_M_S,
-            route.right_of_way[at],
-            route.lights[at] / RED,
-            at * route.spacing_m >= route.goal_m,
-        ]
-    )
+    rows = np.empty((POINTS, len(ROUTE)))
+    rows[:, :2] = route.points[at] / REACH_M
+    rows[:, 2] = route.speed_limit_m_s[at] / _FASTEST_M_S
+    rows[:, 3], rows[:, 4] = route.right_of_way[at], route.lights[at] / RED
+    rows[:, 5] = at * route.spacing_m >= route.goal_m
     return rows
 
 
@@ -108,5 +102,7 @@ def _of_others(pose: tuple[float, float, float], me: int, actors: Actors) -> Flo
     rows[: len(near), 2:4] = actors.velocity[near] @ turn / _FASTEST_M_S
     rows[: len(near), 4], rows[: len(near), 5] = np.cos(yaw), np.sin(yaw)
     rows[: len(near), 6:8] = actors.boxes.size[near, :2] / [_LONGEST_M, _WIDEST_M]
-    rows[: len(near), 8], rows[: len(near), 9] = np.isin(actors.label[near], _ON_FOOT), 1.0
+    label = actors.label[near]
+    rows[: len(near), 8] = (label == ObjectClass.PEDESTRIAN) | (label == ObjectClass.CHILD)
+    rows[: len(near), 9] = 1.0
     return rows

@@ -1,4 +1,4 @@
-"""What became of a drive, in the words of MetaDrive and highway-env.
+"""Outcomes of drives, in the words of MetaDrive and highway-env.
 
 | key of infos | whose word | meaning |
 |---|---|---|

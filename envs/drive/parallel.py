@@ -75,7 +75,7 @@ class DriveParallel(ParallelEnv[str, Observed, Observed]):  # type: ignore[misc]
         reward: weights of the reward; None: the usual ones.
         dt_s: time between two steps.
         seconds_per_m: time for a metre of the route.
-        weather: as in `SimulationOptions`: wet roads are slippery.
+        weather: a `Weather`, its mapping or its name: wet roads are slippery.
         grip: coefficient of friction of the tyres; None: by the weather.
         density: factor on the numbers of vehicles and people.
         render_mode: "rgb_array", "human" or None.

@@ -17,7 +17,7 @@ EGO = "cav_0"
 
 
 class DriveEnv(gymnasium.Env[Observed, Observed]):
-    """One car that is steered along a route through traffic; see `DriveParallel` for all that is in it.
+    """Environment of one car that is steered along a route through traffic; `DriveParallel` describes it.
 
     `reset` without a seed draws the next episode's seed from `np_random`.
 
@@ -25,7 +25,7 @@ class DriveEnv(gymnasium.Env[Observed, Observed]):
         parallel: the environment around the same world.
 
     Args:
-        **options: those of `DriveParallel`, except `cars`.
+        **options: options of `DriveParallel`, except `cars`.
     """
 
     metadata: dict[str, Any] = DriveParallel.metadata

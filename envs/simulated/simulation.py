@@ -28,7 +28,7 @@ from coopsim.sensors.scene import RayScene, SceneGeometry
 from coopsim.sensors.visibility import PixelVisibility, Visibility, measure_pixels
 from coopsim.support.arrays import look_up
 from coopsim.types import AgentSpec, CameraImage, Ints, Sweep, Tracks, seconds_to_ns
-from coopsim.types.driving import ACCELERATION, MANEUVER, STEERING, Command
+from coopsim.types.driving import ACCELERATION, MANEUVER, STEERING, Command, acceleration_of
 from coopsim.world.intersections import LitJunction, lit_junctions
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import PlayedWorld, RecordedWorld
@@ -54,6 +54,8 @@ class Simulation(FrameSource):
         self.name = name
         self._scenarios, self._options, self._recording = scenarios, options, recording
         self._scenario = scenarios.of(0)
+        if options.signal_messages and self._scenario.played is not None:
+            raise InvalidValueError("signal_messages needs lights with known programs, got a log's or SUMO's traffic")
         world = self._make_world(seed=0)
         bodies = world.agents()
         self._equipment = Equipment(options, bodies.values())
@@ -290,9 +292,7 @@ class SimulatedEpisode:
 
 def _acceleration(command: Command | None) -> float:
     """Return the acceleration that was asked for, m/s²; NaN: none was."""
-    if command is None:
-        return math.nan
-    return command[0] if isinstance(command, tuple) else command
+    return math.nan if command is None else acceleration_of(command)
 
 
 class SceneProbe(FrameProbe):

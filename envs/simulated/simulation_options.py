@@ -261,6 +261,7 @@ class SimulationOptions(PerceptionOptions):
         require_modes(self.camera_modes)
         require_flag(signal_messages=self.signal_messages)
         if self.signal_messages:
+            require_choice("traffic with signal_messages, which tell the place's own programs", self.traffic, ENGINES)
             require_dsrc()
         object.__setattr__(self, "weather", as_weather(self.weather))
         self._check_files()

@@ -178,10 +178,10 @@ def _lies(table: ResultTable, metric: str, policy: int) -> Iterator[str]:
             continue
         values, honest = table.values(metric)[policy], [table.conditions.index(each) for each in twins]
         if is_yes_no(metric):
-            both = [by_world(table, values, each) for each in (honest, conditions)]
+            before, after = (by_world(table, values, each) for each in (honest, conditions))
         else:
-            both = [table.samples.average(values[each].mean(axis=0)) for each in (honest, conditions)]
-        found = compare_runs(table.policies[policy], *both, metric)
+            before, after = (table.samples.average(values[each].mean(axis=0)) for each in (honest, conditions))
+        found = compare_runs(table.policies[policy], before, after, metric)
         if found is not None:
             form, unit = (".0f", " points") if is_yes_no(metric) else (form_of(metric), "")
             yield f"with {attack} {metric} changes by {difference_text(found.change, form)}{unit}"

@@ -79,7 +79,7 @@ def _without_messages(table: ResultTable, conditions: Sequence[int], metric: str
     if base is None or metric not in table.metrics:
         return None
     values = table.values(metric)[base]
-    alone = values.copy()
+    alone: Floats = values.copy()
     for k in conditions:
         for mild in calm(table, table.conditions[k].scenario):
             alone[k] = np.where(np.isnan(alone[k]), values[mild], alone[k])

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from coopsim.data.live.engine import SumoEngine
+from coopsim.data.live.engine import SumoEngine, Users
 from coopsim.data.live.lights import SumoLights
 from coopsim.data.live.way_ahead import way_ahead
 from coopsim.data.logs.play.shapes import fitted_models
@@ -15,7 +15,7 @@ from coopsim.geometry import exact
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.support.rng import uniform_numbers
-from coopsim.types.driving import CarState, Command
+from coopsim.types.driving import CarState, Command, acceleration_of
 from coopsim.world.models.paint import draw_colors
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap, StaticPart
@@ -74,11 +74,12 @@ class SumoWorld:
         self._known: dict[str, CarState] = {}
         self.left_s: float | None = None
         self._begin_s, self._steps = engine.time_s, 0
+        self._now: Users
         self._look()
 
     def step(self, dt_s: float, commands: Mapping[str, Command] | None = None) -> None:
         """Let SUMO go on; cars with a command, m/s², take their speed from it."""
-        asked = {self._name(agent): float(command) for agent, command in (commands or {}).items()}
+        asked = {self._name(agent): acceleration_of(command) for agent, command in (commands or {}).items()}
         for _ in range(round(dt_s / self._step_s)):
             self._engine.drive(asked, self._step_s, self._crashed)
             self._steps += 1

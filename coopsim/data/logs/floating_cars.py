@@ -27,6 +27,7 @@ from coopsim.data.logs.floating_lines import NUMBERS, ROOT, USERS, FloatingRows,
 from coopsim.data.logs.tables import Table
 from coopsim.data.maps.elements import Start, read_starts
 from coopsim.errors import LogFileError, MapFileError
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
@@ -83,8 +84,8 @@ def _rows(path: Path) -> FloatingRows:
             wrong = f"lacks {error.args[0]}" if isinstance(error, KeyError) else str(error)
             name = f" id={attributes.get('id', '')!r} at {time_s:g} s" if tag in USERS else ""
             raise LogFileError(f"{path}: <{tag}{name}>: {wrong}") from None
-    name, type_ = np.frombuffer(texts, np.int64).reshape(-1, 2).T
-    return FloatingRows([*names], [*types], name, type_, np.frombuffer(numbers).reshape(-1, 5))
+    number = np.frombuffer(texts, np.int64).reshape(-1, 2)
+    return FloatingRows([*names], [*types], number[:, 0], number[:, 1], np.frombuffer(numbers).reshape(-1, 5))
 
 
 def _starts(path: Path) -> Iterator[Start]:
@@ -102,7 +103,7 @@ def _starts(path: Path) -> Iterator[Start]:
 def heading_and_velocity(angle_deg: Floats, speed_m_s: Floats) -> tuple[Floats, Floats]:
     """Return headings (N,) rad and velocities (N, 2) m/s, from angles (N,) clockwise from north and speeds (N,)."""
     heading = np.pi / 2 - np.radians(angle_deg)
-    return heading, speed_m_s[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
+    return heading, speed_m_s[:, None] * np.column_stack([exact.cos(heading), exact.sin(heading)])
 
 
 def _columns(where: tuple[str, int], ids: NDArray[Any], types: list[str], type_: Ints, numbers: Floats) -> Columns:

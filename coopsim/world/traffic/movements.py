@@ -22,7 +22,7 @@ GENTLE_M = 60.0
 """In bends of a larger radius long vehicles hardly swing out: they count as straight."""
 
 _SAME_WAY = 0.5  # square of the cosine of an angle of 45 degrees
-_OVER_M, _BODIES_M = 0.2, 2.4  # by which neighbouring lanes may overlap; between the middles of vehicles side by side
+_OVER_M, _BODIES_M = 0.6, 2.4  # by which neighbouring lanes may overlap; between the middles of vehicles side by side
 
 FIRST, USUAL, YIELDS = 1, 0, -1
 """Roles of movements. FIRST waits only for vehicles that are on their way already. USUAL goes in the order of asking.

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
+from coopsim.support.arrays import unchecked
 from coopsim.support.rng import stream
 from coopsim.types import Ints
-from coopsim.types.driving import GIVES_WAY, YELLOW, Route
+from coopsim.types.driving import GIVES_WAY, NO_LIGHT, YELLOW, Route
 from coopsim.world.traffic.asked import can_stop
 from coopsim.world.traffic.fleet import STEERED, Fleet
 from coopsim.world.traffic.lane_geometry import local_coordinates
@@ -65,6 +66,9 @@ class Way:
         self._points = found[0] + [float(row["x"]), float(row["y"])]
         self._limit_m_s, self._rights, _, self._lanes, self._places = found[1:]
         self._roads, self._length_m, self._network = np.array(roads), length_m, network
+        self._width_m, self._beside, _ = on_map(network, movements, self._lanes)
+        self._movements = movements.of_road[network.lanes["road"][self._lanes]]
+        self._lines = np.flatnonzero(np.diff(self._lanes, prepend=self._lanes[0]))
         self._at = 0
 
     def follow(self, row: Any, route: Ints) -> None:
@@ -85,15 +89,30 @@ class Way:
         self._at = self._nearest(row)
         part = slice(self._at, self._at + round(REACH_M / SPACING_M) + 1)
         limit_m_s, rights = self._limit_m_s[part].copy(), self._rights[part].copy()
-        width_m, beside, lights = on_map(self._network, movements, self._lanes[part])
-        lines = np.flatnonzero((lights[1:] >= YELLOW) & (np.diff(self._lanes[part]) != 0)) + 1
-        for line in lines[[can_stop(row, line * SPACING_M) for line in lines.tolist()]][:1]:
-            stop = max(math.ceil(line - (row["length"] / 2 + BEFORE_LINE_M) / SPACING_M), 0)
-            limit_m_s[stop:], rights[stop:] = 0.0, GIVES_WAY
+        movement = self._movements[part]
+        lights = np.where(movement >= 0, movements.light[movement], NO_LIGHT) if movements.light.any() else 0 * movement
+        first, end = np.searchsorted(self._lines, [self._at + 1, self._at + len(movement)])
+        for line in (self._lines[first:end] - self._at).tolist():
+            if lights[line] >= YELLOW and can_stop(row, line * SPACING_M):
+                # The line is between this point and the one before; limits are 0 from a point before the stop on.
+                stop = max(math.floor(line - 1 - (row["length"] / 2 + BEFORE_LINE_M) / SPACING_M), 0)
+                limit_m_s[stop:], rights[stop:] = 0.0, GIVES_WAY
+                break
         cos, sin = math.cos(row["heading"]), math.sin(row["heading"])
         points = (self._points[part] - [row["x"], row["y"]]) @ np.array([[cos, -sin], [sin, cos]])
         goal_m = self._length_m - self._at * SPACING_M
-        return Route(points, SPACING_M, limit_m_s, rights, width_m, beside, lights, goal_m, self._length_m)
+        return unchecked(
+            Route,
+            points=points,
+            spacing_m=SPACING_M,
+            speed_limit_m_s=limit_m_s,
+            right_of_way=rights,
+            lane_width_m=self._width_m[part].copy(),
+            beside=self._beside[part].copy(),
+            lights=lights,
+            goal_m=goal_m,
+            length_m=self._length_m,
+        )
 
     def _nearest(self, row: Any) -> int:
         first = max(self._at - _BACK_M, 0)

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
@@ -102,7 +101,7 @@ class Walls:
         ends = [np.zeros((0, 2)), *(np.roll(outline, -1, axis=0) for outline in outlines)]
         self._sides = np.column_stack([np.concatenate(starts), np.concatenate(ends)])
 
-    def stop(self, row: NDArray[Any]) -> None:
+    def stop(self, row: Any) -> None:
         """Mark a car that has run into one as crashed."""
         row["crashed"] |= _meets(self._sides, row)
 

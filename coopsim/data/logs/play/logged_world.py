@@ -14,7 +14,7 @@ from coopsim.geometry import exact
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.rng import uniform_numbers
-from coopsim.types.driving import CarState, Command
+from coopsim.types.driving import CarState, Command, acceleration_of
 from coopsim.world.models.paint import draw_colors
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody, StaticPart
@@ -63,7 +63,7 @@ class LoggedWorld:
         if self._drivers is None:
             self._now = self._log.at(self._start_s + self._time_s)
         else:
-            asked = {self._track(name): float(command) for name, command in (commands or {}).items()}
+            asked = {self._track(name): acceleration_of(command) for name, command in (commands or {}).items()}
             self._drivers.step(dt_s, {k: wanted for k, wanted in asked.items() if k in self._drivers.commanded})
             self._now = self._drivers.now
         self._travelled_m[self._now.track] += dt_s * exact.norm(self._now.velocity)

@@ -30,6 +30,15 @@ OPTIONS: dict[str, Any] = PLACE | {"traffic": "sumo", "lidar": None, "connected_
 pytestmark = needs_sumo
 
 
+@pytest.fixture(autouse=True)
+def _free_sumo() -> Iterator[None]:
+    """Let no test that fails keep SUMO from the next one."""
+    yield
+    holder = None if SumoEngine._holder is None else SumoEngine._holder()
+    if holder is not None:
+        holder.close()
+
+
 @pytest.fixture(scope="module")
 def network(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return crossing(tmp_path_factory.mktemp("sumo"))
@@ -235,6 +244,8 @@ def test_a_town_is_driven_by_sumo(network: Path) -> None:
         ({"vehicles": 20}, "unknown option of a network"),
         ({"control": "policy"}, "Accepted: acceleration, planner, traffic"),
         ({"rsus": 40}, "rsus must be at most"),
+        ({"control": "steering"}, "Accepted: acceleration, planner, traffic"),
+        ({"signal_messages": True}, "unknown traffic with signal_messages"),
     ],
 )
 def test_wrong_options_are_refused_in_one_line(
