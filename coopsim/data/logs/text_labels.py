@@ -58,7 +58,7 @@ def text_columns(folder: Path, sequence: str | None = None) -> tuple[str, Column
     size = np.concatenate([boxes.size, np.tile(SIZES_M[ObjectClass.CAR], (last + 1, 1))])
     return name, Columns(
         where=("label", 1),
-        time_s=FRAME_S * np.append(frame, np.arange(last + 1)),
+        time_s=FRAME_S * np.append(frame, np.arange(last + 1)).astype(np.float64),
         id=np.append(number.astype(str), np.repeat(_OWNER, last + 1)),
         label=np.append(label, np.repeat(int(ObjectClass.CAR), last + 1)),
         xy=place[:, :2],
