@@ -92,7 +92,7 @@ def _bounds(command: str) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the least and greatest numbers of an acceleration (1,), or of an acceleration and an angle (2,)."""
     low, high = [-LARGEST_BRAKING_M_S2, -LARGEST_STEERING_RAD], [LARGEST_ACCELERATION_M_S2, LARGEST_STEERING_RAD]
     count = 2 if command == STEERING else 1
-    return np.float32(low[:count]), np.float32(high[:count])
+    return np.array(low[:count], np.float32), np.array(high[:count], np.float32)
 
 
 def idle(command: str | None) -> Command:

@@ -153,12 +153,16 @@ class _Geometry:
     def _exit(self, node: str) -> Floats:
         """Return the points of the lane behind a movement's end, or where it ends with the place, its last metre."""
         onward = self._from.get(node, ())
-        while len(onward) == 1 and onward[0][:2] in self._movements:  # it has several pieces
+        for _ in self._movements:  # one may have several pieces, and pieces may lead around without end
+            if len(onward) != 1 or onward[0][:2] not in self._movements:
+                break
             onward = self._from.get(onward[0][1], ())
         if onward:
             return self._line(onward[0], back=False)
         lane = self._lane(next(each for each in self._into[node] if each[:2] in self._movements))
-        return lane.positions(np.array([lane.length - 1.0, lane.length]), 0.0) - self._reference[:2]
+        along = np.array([max(lane.length - 1.0, 0.0), lane.length])
+        last: Floats = lane.positions(along, 0.0) - self._reference[:2]
+        return last
 
     def _line(self, index: LaneIndex, *, back: bool) -> Floats:
         """Return points along a lane and the only ones before it, or behind it, from the junction on."""
@@ -181,4 +185,4 @@ def _thinned(points: Floats) -> Floats:
     accuracy_m = _ACCURACY_M
     while (kept := keep_corners(points, accuracy_m)).sum() > _MOST_POINTS:
         accuracy_m *= 2
-    return points[kept]
+    return np.asarray(points[kept])

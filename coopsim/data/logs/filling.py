@@ -226,7 +226,7 @@ def _headings(columns: Columns, row: Ints, track: Ints, xy: Floats, filled: list
         at = np.flatnonzero(open_)
         way = xy[reach[at]] - xy[at]
         far = exact.norm(way) >= _STILL_M
-        heading[at[far]], known[at[far]] = np.arctan2(way[far, 1], way[far, 0]), True
+        heading[at[far]], known[at[far]] = exact.arctan2(way[far, 1], way[far, 0]), True
         open_[at[far]] = False
     along = np.asarray(exact.settled(_carried(heading, known, track)))
     return along if given is None else np.where(np.isfinite(given), wrap_angle(given), along)

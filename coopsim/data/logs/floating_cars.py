@@ -27,6 +27,7 @@ from coopsim.data.logs.floating_lines import NUMBERS, ROOT, USERS, FloatingRows,
 from coopsim.data.logs.tables import Table
 from coopsim.data.maps.elements import Start, read_starts
 from coopsim.errors import LogFileError, MapFileError
+from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
@@ -102,7 +103,7 @@ def _starts(path: Path) -> Iterator[Start]:
 def heading_and_velocity(angle_deg: Floats, speed_m_s: Floats) -> tuple[Floats, Floats]:
     """Return headings (N,) rad and velocities (N, 2) m/s, from angles (N,) clockwise from north and speeds (N,)."""
     heading = np.pi / 2 - np.radians(angle_deg)
-    return heading, speed_m_s[:, None] * np.column_stack([np.cos(heading), np.sin(heading)])
+    return heading, speed_m_s[:, None] * np.column_stack([exact.cos(heading), exact.sin(heading)])
 
 
 def _columns(where: tuple[str, int], ids: NDArray[Any], types: list[str], type_: Ints, numbers: Floats) -> Columns:

@@ -12,6 +12,7 @@ from coopsim.types.intersections import HOUR_DS, UNKNOWN_MARK, IntersectionMap, 
 from coopsim.world.custom.place import place_from
 from coopsim.world.intersections import APPROACH_M, EXIT_M, LitJunction, lit_junctions
 from coopsim.world.places.layout import Layout
+from coopsim.world.places.road_network import RoadNetwork
 from coopsim.world.places.signals import Signal
 
 LETTERS = {
@@ -102,3 +103,24 @@ def into(layout: Layout) -> list[tuple[str, str, int]]:
 
 def test_a_place_without_lights_has_none() -> None:
     assert lit_junctions(place_from(crossing(), "unlit").make_layout()) == ()
+
+
+def test_where_lanes_end_with_the_place_the_last_metre_is_the_exit(layout: Layout) -> None:
+    network = RoadNetwork()
+    for (start, end, _), lane in layout.network.lanes.items():
+        if start != "out2":
+            network.add_lane(start, end, lane)
+    geometry = LitJunction(replace(layout, network=network), 0).map
+    (cut,) = [lane.points for lane in geometry.lanes if np.hypot(*(lane.points[-1] - lane.points[0])) < 1.5]
+    inner, end = cut + geometry.reference[:2]
+    np.testing.assert_allclose(end, layout.network.get_lane(("out2", "out2.", 0)).position(0.0, 0.0), atol=1e-6)
+    assert np.hypot(*inner) < np.hypot(*end) and len(groups_of(geometry)) == 13
+
+
+def test_lights_before_which_no_lane_leads_are_left_out(layout: Layout) -> None:
+    network = RoadNetwork()
+    for (start, end, _), lane in layout.network.lanes.items():
+        if start != "in2.":
+            network.add_lane(start, end, lane)
+    geometry = LitJunction(replace(layout, network=network), 0).map
+    assert len(groups_of(geometry)) == 9 + 1 and len(geometry.lanes) == 3 + 4 + 1

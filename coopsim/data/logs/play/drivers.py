@@ -239,13 +239,13 @@ class Drivers:
         self._others = _vehicles(size[drives])
         self._others["driver"] = np.where(speed[drives] >= STANDS_M_S, PEDALLED, PARKED)
         self._people = np.zeros(int((~drives).sum()), BODY)
-        course = np.arctan2(rest.velocity[:, 1], rest.velocity[:, 0])
+        course = exact.arctan2(rest.velocity[:, 1], rest.velocity[:, 0])
         for rows, of, turned in ((self._others, drives, rest.heading), (self._people, ~drives, course)):
             rows["x"], rows["y"], rows["speed"] = *rest.place[of, :2].T, speed[of]
             rows["heading"] = turned[of]
         people = self._people
         people["length"], people["width"] = size[~drives, 0], size[~drives, 1]
-        people["dir_x"], people["dir_y"] = np.cos(people["heading"]), np.sin(people["heading"])
+        people["dir_x"], people["dir_y"] = exact.cos(people["heading"]), exact.sin(people["heading"])
 
     def _gaps(self, k: int) -> tuple[float, int]:
         """Return the gap (m) of a way's road user to the nearest other body, and its number: rails, others, people."""

@@ -35,7 +35,10 @@ _JOIN_M, _APART_M = 30.0, 45.0  # of lanes that join: the last metres, where lan
 _BESIDE_M = 8.0  # between the ends of lanes beside each other
 _SHIFT = 10.0  # metres ahead for each metre aside, where a lane opens or closes
 _SHARP_RAD, _KINK_RAD, _AHEAD_M = np.radians(35.0), np.radians(44.0), 2.0
-_TIGHT_M, _TURN_M = 3.0, 3.0  # ways that bend more tightly, over such a length, are left out where one beside does not
+_TIGHT_M, _TURN_M = (
+    3.0,
+    3.0,
+)  # ways that bend more tightly, over such a length, are left out where one to the same road does not
 _NEAR_M, _STEP_M = 2.5, 1.0  # ways over a junction that come nearer than this conflict
 
 
@@ -114,11 +117,10 @@ def strips_of(streets: StreetMap) -> Strips:
         )
     bent = {way.id: _bent(way, streets) for way in streets.ways.values() if way.turn != "around"}
     tight = {name for name in bent if _radius_m(bent[name][0]) < _TIGHT_M}
+    wide = {_between(streets.ways[name], streets) for name in bent.keys() - tight}
     for name, (line, width_m) in bent.items():
         way = streets.ways[name]
-        beside = streets.lanes[way.end].left, streets.lanes[way.end].right
-        others = [streets.ways[other] for other in bent.keys() - tight]
-        if name not in tight or not any(each.start == way.start and each.end in beside for each in others):
+        if name not in tight or _between(way, streets) not in wide:
             ends = nodes[way.start, 1], nodes[way.end, 0]
             found.all[name] = Strip(name, *ends, line, width_m, way.speed_m_s, way)
     _open_and_close(found)
@@ -130,6 +132,11 @@ def strips_of(streets: StreetMap) -> Strips:
     _smooth(found)
     _join(found)
     return found
+
+
+def _between(way: StreetWay, streets: StreetMap) -> tuple[str, str]:
+    """Return the lane that a way leads from, and the road that it leads to."""
+    return way.start, streets.lanes[way.end].road
 
 
 def _bent(way: StreetWay, streets: StreetMap) -> tuple[Floats, Floats]:

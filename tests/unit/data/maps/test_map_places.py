@@ -273,16 +273,18 @@ def test_oncoming_vehicles_take_turns_in_a_narrow_bend(radius_m: float, meet: bo
     assert len(conflicting_roads(network)) == (2 if meet else 0)
 
 
-def test_a_turn_that_no_vehicle_can_make_is_left_out_where_one_to_the_next_lane_is_wider() -> None:
+def test_a_turn_that_no_vehicle_can_make_is_left_out_where_one_to_the_same_road_is_wider() -> None:
     lanes = (
         lane("in", (-60, 0), (0, 0)),
-        lane("near", (0, 5), (-60, 5), right="far"),
-        lane("far", (0, 12), (-60, 12), left="near"),
+        replace(lane("near", (0, 5), (-60, 5), right="next"), road="back"),
+        replace(lane("next", (0, 5.4), (-60, 8.5), left="near", right="far"), road="back"),
+        replace(lane("far", (0, 12), (-60, 12), left="next"), road="back"),
     )
     far = way("in", "far", "left", (0, 0), (6, 6), (0, 12))
     near = way("in", "near", "left", (0, 0), (2.5, 2.5), (0, 5))
     hooked = way("in", "near", "left", (0, 0), (10, 0.5), (11.5, 2), (10.5, 3.5), (0, 5))  # wide on the whole
-    for kept in ([near, far], [hooked, far], [near]):
+    after = way("in", "next", "left", (0, 0), (2.7, 2.7), (0, 5.4))
+    for kept in ([near, after, far], [hooked, after, far], [near]):
         streets = replace(
             map_of(*lanes), ways={each.id: each for each in kept}, junctions={"j": StreetJunction("j", "")}
         )
