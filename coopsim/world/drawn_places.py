@@ -104,7 +104,7 @@ def choose_scenarios(
         place: name of a scenario, "town" among them, path of a file of places, or a custom place.
         density: factor on the numbers of vehicles and people, but not of agents.
         detail: one of `coopsim.world.scenario.DETAILS`; None: the usual one of the place.
-        drawer: what draws its places; None: found by the place.
+        drawer: drawer of its places; None: found by the place.
         **options: fields of `Population`, and those of `DrawnPlaces.kinds` for drawn places.
 
     Raises:

@@ -54,6 +54,8 @@ class Simulation(FrameSource):
         self.name = name
         self._scenarios, self._options, self._recording = scenarios, options, recording
         self._scenario = scenarios.of(0)
+        if options.signal_messages and self._scenario.played is not None:
+            raise InvalidValueError("signal_messages needs lights with known programs, got a log's or SUMO's traffic")
         world = self._make_world(seed=0)
         bodies = world.agents()
         self._equipment = Equipment(options, bodies.values())

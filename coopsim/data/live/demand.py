@@ -1,4 +1,4 @@
-"""What SUMO is to drive: when a file's demand begins, and traffic without a file, which drives round for ever."""
+"""Demand of SUMO: when that of a file begins, and traffic without a file, which goes to and fro for ever."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ _MOST_LETTERS = 300  # of what SUMO says, in a message
 
 @dataclass(frozen=True, slots=True)
 class SumoRun:
-    """What decides a run: the same run has the same bits.
+    """Inputs of a run: the same inputs give the same bits.
 
     Attributes:
         network: file of a network, or its content.
@@ -268,7 +268,7 @@ def step_for(dt_s: float) -> float:
     """Return the longest step of whole milliseconds, at most `LONGEST_STEP_S`, that divides the time between frames.
 
     Raises:
-        InvalidValueError: that time is not of whole milliseconds.
+        InvalidValueError: the time between frames is not of whole milliseconds.
     """
     whole = round(1000 * dt_s)
     if whole < 1 or abs(1000 * dt_s - whole) > 1e-6:

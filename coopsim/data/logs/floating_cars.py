@@ -84,8 +84,8 @@ def _rows(path: Path) -> FloatingRows:
             wrong = f"lacks {error.args[0]}" if isinstance(error, KeyError) else str(error)
             name = f" id={attributes.get('id', '')!r} at {time_s:g} s" if tag in USERS else ""
             raise LogFileError(f"{path}: <{tag}{name}>: {wrong}") from None
-    name, type_ = np.frombuffer(texts, np.int64).reshape(-1, 2).T
-    return FloatingRows([*names], [*types], name, type_, np.frombuffer(numbers).reshape(-1, 5))
+    number = np.frombuffer(texts, np.int64).reshape(-1, 2)
+    return FloatingRows([*names], [*types], number[:, 0], number[:, 1], np.frombuffer(numbers).reshape(-1, 5))
 
 
 def _starts(path: Path) -> Iterator[Start]:

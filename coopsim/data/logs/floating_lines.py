@@ -183,4 +183,5 @@ def _numbered(column: Any, known: dict[str, int]) -> Ints:
     """Return the numbers (N,) of a column's words, and number those that are not known."""
     words = column.combine_chunks()
     numbers = [known.setdefault(word, len(known)) for word in words.dictionary.to_pylist()]
-    return np.array(numbers, np.int64)[words.indices.to_numpy()]
+    found: Ints = np.array(numbers, np.int64)[words.indices.to_numpy()]
+    return found

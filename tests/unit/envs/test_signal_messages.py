@@ -15,6 +15,8 @@ from coopsim.comms.codecs.dsrc import decode_mapem, decode_spatem
 from coopsim.comms.signal_broadcast import SignalBroadcast
 from coopsim.envs.makers import simulation_env
 from coopsim.envs.parallel import CooperativeEnv
+from coopsim.envs.simulated.simulation import Simulation
+from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import InvalidValueError
 from coopsim.types import Detections, Observation, Odometry, PoseEstimate, Tracks
 from coopsim.types.intersections import IntersectionMap, MapLane, MovementPhase
@@ -23,9 +25,11 @@ from coopsim.world.custom.place import place_from
 from coopsim.world.intersections import lit_junctions
 from coopsim.world.places.description import MapUnit
 from coopsim.world.places.place import Place
+from coopsim.world.scenario import SameScenario, make_scenario
 
 pytest.importorskip("asn1tools")
 NS = 10**9
+NOTHING = {"tracks": pack_tracks(Tracks.empty())}
 
 
 @cache
@@ -45,7 +49,7 @@ def frames(env: CooperativeEnv, steps: int) -> list[dict[str, Observation]]:
         assert all(env.observation_space(name).contains(each) for name, each in packed.items())
         found.append(env._source.format.unpack_all(packed))
         if step < steps:
-            packed = env.step({name: {"tracks": pack_tracks(Tracks.empty())} for name in env.agents})[0]
+            packed = env.step(dict.fromkeys(env.agents, NOTHING))[0]
     return found
 
 
@@ -133,3 +137,14 @@ def test_wrong_options_are_refused() -> None:
         lit_env(signal_messages=True, rsus=0)
     with pytest.raises(InvalidValueError, match="signal_messages must be True or False, got 'yes'"):
         lit_env(signal_messages="yes")
+    log = replace(make_scenario(place(), rsus=1), played=object())  # type: ignore[arg-type]
+    with pytest.raises(InvalidValueError, match="needs lights with known programs, got a log's or SUMO's traffic"):
+        Simulation("log", SameScenario(log), SimulationOptions(lidar=None, detector="none", signal_messages=True))
+
+
+def test_lights_are_heard_with_messages_as_actions_too() -> None:
+    env = lit_env(signal_messages=True, uplink="action", attacks=None)
+    packed, _ = env.reset()
+    for _ in range(2):
+        packed = env.step({name: env.action_space(name).sample() | NOTHING for name in env.agents})[0]
+        assert len(packed["cav_0"]["signals"]["payload_bytes"]) in (1, 2)

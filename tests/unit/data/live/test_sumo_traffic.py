@@ -30,6 +30,15 @@ OPTIONS: dict[str, Any] = PLACE | {"traffic": "sumo", "lidar": None, "connected_
 pytestmark = needs_sumo
 
 
+@pytest.fixture(autouse=True)
+def _free_sumo() -> Iterator[None]:
+    """Let no test that fails keep SUMO from the next one."""
+    yield
+    holder = None if SumoEngine._holder is None else SumoEngine._holder()
+    if holder is not None:
+        holder.close()
+
+
 @pytest.fixture(scope="module")
 def network(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return crossing(tmp_path_factory.mktemp("sumo"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -114,6 +115,19 @@ def test_wrong_options_are_one_line(
         coopsim.parallel_env(str(log_path), **options)
     assert said in str(found.value)
     assert "\n" not in str(found.value)
+
+
+def test_cars_of_a_smaller_share_are_among_those_of_a_larger(log_path: Path) -> None:
+    log, drawn = read_log(log_path), set()
+    for seed in range(6):
+        names = []
+        for connected in range(1, 5):
+            wish = Wish(connected=connected, start_s=1.0, around=(30.0, 0.0), least_s=5.0)
+            choice = choose(log, wish, seed)
+            names.append([choice.log.ids[k] for k in choice.connected])
+        assert all(more[: len(few)] == few for few, more in pairwise(names))
+        drawn.add(names[0][0])
+    assert len(drawn) > 1
 
 
 def test_lots_are_drawn_where_nobody_ever_goes(log_path: Path) -> None:
