@@ -204,8 +204,8 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
             self._shown = EgoStep(self.ego, self.parallel.cars.get(self.ego))
             return
         command = self.parallel.agent_specs[self.ego].command
-        given = None if command is None else np.asarray(action[command]).ravel().tolist()
-        given = given if given is None else tuple(given) if len(given) > 1 else given[0]
+        numbers: list[Any] = [] if command is None else np.asarray(action[command]).ravel().tolist()
+        given: Any = numbers[0] if len(numbers) == 1 else tuple(numbers) or None
         self._shown = EgoStep(self.ego, self._shown.car, given, reward)
 
     def _next_seed(self) -> int:
