@@ -298,7 +298,13 @@ def register_with_gymnasium(versioned: str) -> None:
         register(name, "coopsim.envs.single_agent_env:SingleAgentEnv", kwargs={"environment": name})
 
 
+DRIVE = f"{NAMESPACE}/drive-v1"
+"""Environment of cars that are steered along routes, which has options of its own."""
+
+
 def register_environments() -> None:
     """Let `gymnasium.make` know our environments: gymnasium 1 has no plug-ins that it would find by itself."""
     for versioned in VERSIONED_NAMES:
         register_with_gymnasium(versioned)
+    if DRIVE not in registry:
+        register(DRIVE, "coopsim.envs.drive.single:DriveEnv")

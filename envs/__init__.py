@@ -7,15 +7,19 @@ makes environments by name.
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import pettingzoo
 
-from coopsim.catalog import NAMESPACE, VERSIONED_NAMES, parallel_env
+from coopsim.catalog import DRIVE, NAMESPACE, VERSIONED_NAMES, parallel_env
 from coopsim.support.lazy_names import lazy_names
 from coopsim.types.messages import IDLE, MANEUVERS
 
 if TYPE_CHECKING:
+    from coopsim.envs.drive.parallel import DriveParallel
+    from coopsim.envs.drive.reward import RouteReward
+    from coopsim.envs.drive.single import DriveEnv
     from coopsim.envs.makers import file_env, register_place, replay_env, simulation_env, situation_env
     from coopsim.envs.message_gain import MessageGain
     from coopsim.envs.parallel import CooperativeEnv
@@ -25,11 +29,14 @@ __all__ = [
     "IDLE",
     "MANEUVERS",
     "CooperativeEnv",
+    "DriveEnv",
+    "DriveParallel",
     "DriveReward",
     "DriveStep",
     "MessageGain",
     "MotaReward",
     "Reward",
+    "RouteReward",
     "SafeProgress",
     "file_env",
     "register_place",
@@ -40,6 +47,9 @@ __all__ = [
 
 _HOMES = {
     "CooperativeEnv": "coopsim.envs.parallel",
+    "DriveEnv": "coopsim.envs.drive.single",
+    "DriveParallel": "coopsim.envs.drive.parallel",
+    "RouteReward": "coopsim.envs.drive.reward",
     "MessageGain": "coopsim.envs.message_gain",
     **dict.fromkeys(("DriveReward", "DriveStep", "MotaReward", "Reward", "SafeProgress"), "coopsim.envs.rewards"),
     **dict.fromkeys(
@@ -49,5 +59,12 @@ _HOMES = {
 
 __getattr__, __dir__ = lazy_names(__name__, _HOMES)
 
+
+def _drive(**options: Any) -> DriveParallel:
+    made: DriveParallel = import_module("coopsim.envs.drive.parallel").DriveParallel(**options)
+    return made
+
+
+pettingzoo.register("parallel", DRIVE, _drive)
 for _versioned in VERSIONED_NAMES:
     pettingzoo.register("parallel", f"{NAMESPACE}/{_versioned}", partial(parallel_env, f"{NAMESPACE}/{_versioned}"))

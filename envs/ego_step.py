@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from coopsim.types.driving import CarState, Command
@@ -32,8 +33,11 @@ class EgoStep:
             crashed = ", crashed" if self.car.crashed else ""
             lines[0] += f": {self.car.speed_m_s:.1f} m/s ({3.6 * self.car.speed_m_s:.0f} km/h){crashed}"
         if self.command is not None:
-            maneuver = isinstance(self.command, int)
-            lines.append(f"action {MANEUVERS[int(self.command)] if maneuver else f'{self.command:+.1f} m/s²'}")
+            if isinstance(self.command, tuple):
+                lines.append(f"action {self.command[0]:+.1f} m/s², {math.degrees(self.command[1]):+.0f} degrees")
+            else:
+                maneuver = isinstance(self.command, int)
+                lines.append(f"action {MANEUVERS[int(self.command)] if maneuver else f'{self.command:+.1f} m/s²'}")
         if self.reward is not None:
             lines.append(f"reward {self.reward:+.3f}")
         return lines

@@ -11,16 +11,17 @@ from typing import TYPE_CHECKING, Any, cast
 
 from coopsim.comms.channel.channel import Channel
 from coopsim.comms.codecs.codec import CODECS
+from coopsim.comms.codecs.dsrc import MAPEM, SPATEM
 from coopsim.comms.decode_once import DecodeOnce
 from coopsim.comms.radio.obstruction import RadioScene
+from coopsim.comms.signal_broadcast import SignalBroadcast
 from coopsim.comms.uplinks.budget import Selection, WithinBudget, make_selection
 from coopsim.comms.uplinks.by_action import SaidByAction
 from coopsim.comms.uplinks.uplink import ContentUplink, Uplink, uplink_factory
 from coopsim.config.spec import parse_spec
-from coopsim.envs.frames import Frame
+from coopsim.envs.frames import Frame, FrameSource
 from coopsim.envs.options import CommonOptions
 from coopsim.errors import InvalidValueError
-from coopsim.geometry.se3 import Floats
 from coopsim.interfaces.lying_agents import LyingAgents
 from coopsim.support.rng import stream
 from coopsim.types import AgentSpec, Message, Observation
@@ -32,7 +33,12 @@ if TYPE_CHECKING:
 
 
 class Exchange:
-    """Messages of an episode; `buildings` are outlines (K, 2) m between antennas, `driven` the cars that are driven.
+    """Messages of an episode.
+
+    Args:
+        options: the environment's options.
+        source: the episode's frames, of which it is told the agents, and the buildings and lights of their place.
+        seed: the episode's.
 
     Attributes:
         channel: the channel.
@@ -40,20 +46,16 @@ class Exchange:
         uplink_s: wall time that the making of messages has taken: a network's encoder is there.
     """
 
-    def __init__(
-        self,
-        options: CommonOptions,
-        specs: Mapping[str, AgentSpec],
-        buildings: Sequence[Floats],
-        seed: int,
-        driven: Sequence[str] = (),
-    ) -> None:
+    def __init__(self, options: CommonOptions, source: FrameSource, seed: int) -> None:
+        specs, junctions = source.specs, source.junctions
         self.channel = Channel(options.channel_config, seed)
         self.lies: tuple[Lie, ...] = ()
         self.uplink_s = 0.0
-        self._liars = LyingAgents(options.attacks, specs, seed, network_of(options), driven)
+        self._liars = LyingAgents(options.attacks, specs, seed, network_of(options), source.driven)
         self._uplinks = make_uplinks(options, specs, seed, self._liars)
-        self._buildings = buildings if options.channel_config.radio is not None else None
+        self._buildings = source.road_map.buildings if options.channel_config.radio is not None else None
+        units = [name for name, spec in specs.items() if spec.kind == "rsu"]
+        self._signals = SignalBroadcast(junctions, units) if junctions else None
         self._by_action = {name: each for name, each in self._uplinks.items() if isinstance(each, SaidByAction)}
         self._asked: dict[str, frozenset[str]] = {}
         self._counted: dict[str, int] = {}
@@ -70,7 +72,7 @@ class Exchange:
         self.lies = self._liars.lies({name: agent.body.world_SE3_base for name, agent in frame.agents.items()})
         arrived = self.channel.deliver(frame.time_ns)
         received = {
-            name: agent.observation.with_inbox(_by_capture(arrived.get(name, [])))
+            name: _with_messages(agent.observation, _by_capture(arrived.get(name, [])))
             for name, agent in frame.agents.items()
         }
         for name, observation in received.items():
@@ -130,6 +132,10 @@ class Exchange:
         around = None
         if self._buildings is not None:
             around = RadioScene.of(bodies, frame.actors, self._buildings)
+        if self._signals is not None:
+            poses = {name: agent.observation.pose for name, agent in frame.agents.items()}
+            signals = self._signals.messages(frame.time_ns, positions, poses)
+            further = signals | {name: [*sent, *signals.get(name, ())] for name, sent in (further or {}).items()}
         self.channel.send(messages, frame.time_ns, positions, around, to, further)
 
     def _messages(self, frame: Frame) -> tuple[list[Message], dict[str, Sequence[Message]]]:
@@ -218,6 +224,14 @@ def _checked(uplink: Uplink, sender: str, message: object) -> Message:
     got = f"one of {message.sender} by codec {message.codec!r}" if isinstance(message, Message) else repr(message)
     maker, accepted = type(uplink).__name__, ", ".join(CODECS)
     raise InvalidValueError(f"{maker} must make messages of {sender} by a registered codec ({accepted}), got {got}")
+
+
+def _with_messages(observation: Observation, messages: Sequence[Message]) -> Observation:
+    """Return an observation with what arrived; messages about lights are not in the inbox."""
+    signals = tuple(message.payload for message in messages if message.codec in (SPATEM, MAPEM))
+    if signals:
+        messages = [message for message in messages if message.codec not in (SPATEM, MAPEM)]
+    return replace(observation, inbox=tuple(messages), signals=signals)
 
 
 def _by_capture(messages: Sequence[Message]) -> tuple[Message, ...]:

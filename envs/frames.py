@@ -20,6 +20,7 @@ from coopsim.types.driving import CarState, Command
 from coopsim.types.lies import Lie, lying_senders
 from coopsim.types.sensing import TRUTH_MODES
 from coopsim.wire.observation_format import ObservationFormat, pack_image
+from coopsim.world.intersections import LitJunction
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
 
 
@@ -150,6 +151,11 @@ class FrameSource(ABC):
     @property
     def driven(self) -> tuple[str, ...]:
         """Names of the agents whose frames have the state of a driven car; empty where there are none."""
+        return ()
+
+    @property
+    def junctions(self) -> tuple[LitJunction, ...]:
+        """Junctions of the running episode of whose lights roadside units speak; empty without `signal_messages`."""
         return ()
 
     @property

@@ -5,6 +5,9 @@
 | `speed_m_s` | all infos | the car's speed along its heading |
 | `progress` | all infos | distance driven so far, per cent of that at the legal speed: the metric `progress` |
 | `crashed` | all infos | the car has touched another body |
+| `hit_by_log` | all infos | what it touched first follows a log, which cannot see the car, and drove into it |
+| `route_completion` | all infos of steered cars | share of the way to the goal that is behind the car, in [0, 1] |
+| `arrive_dest` | all infos of steered cars | the car has reached its goal |
 | `counts` | infos of steps | of the frame's tracks, of all agents |
 | `reward_parts` | infos of steps | the parts of the reward by name; their sum is the reward |
 | `is_success` | the last, in situations | the car has not crashed |
@@ -27,10 +30,11 @@ from coopsim.types.lies import Lie
 
 @dataclass(slots=True)
 class _Way:
-    """Way of a car up to its crash: metres driven, and metres at the legal speed in the same time."""
+    """Way of a car up to its crash: metres driven, those at the legal speed in the same time, whether it arrived."""
 
     driven_m: float = 0.0
     legal_m: float = 0.0
+    arrived: bool = False
 
     def add(self, before: AgentFrame, after: AgentFrame, between_s: float) -> None:
         """Add the step between two frames."""
@@ -100,7 +104,12 @@ class EpisodeInfos:
         for name, way in self._ways.items():
             car = frame.agents[name].car
             assert car is not None
-            infos[name] |= {"speed_m_s": car.speed_m_s, "progress": way.progress, "crashed": car.crashed}
+            infos[name] |= {"speed_m_s": car.speed_m_s, "progress": way.progress}
+            infos[name] |= {"crashed": car.crashed, "hit_by_log": car.hit_by_log}
+            if math.isfinite(car.route.length_m):
+                way.arrived |= car.route.arrived and not car.crashed
+                completion = 1.0 if way.arrived else car.route.completion
+                infos[name] |= {"route_completion": completion, "arrive_dest": way.arrived}
             if frame.last and self._staged:
                 infos[name]["is_success"] = not car.crashed
         return infos

@@ -26,7 +26,15 @@ from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import CoopsimError, DuplicateNameError, InvalidValueError
 from coopsim.recordings.formats import AUTO, TEXT, find_format, formats, open_folder
 from coopsim.support.checks import require_choice
-from coopsim.world.drawn_places import TOWN_KEYS, choose_scenarios, find_drawer, is_place_file, scenario_names
+from coopsim.world.drawn_places import (
+    LIVE_TRAFFIC,
+    TOWN_KEYS,
+    choose_scenarios,
+    find_drawer,
+    is_live,
+    is_place_file,
+    scenario_names,
+)
 from coopsim.world.places.description import PlaceDescription
 from coopsim.world.population import Population, drop_overridden
 from coopsim.world.recording.episode_file import Episode
@@ -49,6 +57,8 @@ def simulation_env(
             `DrawnPlaces.kinds`.
     """
     drawer = find_drawer(scenario)
+    if is_live(options.get("traffic")):
+        drawer = LIVE_TRAFFIC.get(options["traffic"])(scenario, options.get("dt_s", SimulationOptions().dt_s))
     groups = (CommonOptions, SimulationOptions, Population, *(() if drawer is None else drawer.kinds))
     if drawer is None:
         _refuse_town_keys(scenario, options)
@@ -67,8 +77,12 @@ def simulation_env(
         place = scenario if isinstance(scenario, Place) else None
         return CooperativeEnv(Simulation(name, played_scenarios(episode, place), sensed, episode), shared, reward)
     asked = {key: value for group in numbers for key, value in group.items()}
-    scenarios = choose_scenarios(scenario, density=density, detail=sensed.detail, **asked)
-    return CooperativeEnv(Simulation(name, scenarios, sensed), shared, reward)
+    scenarios = choose_scenarios(scenario, density=density, detail=sensed.detail, drawer=drawer, **asked)
+    try:
+        return CooperativeEnv(Simulation(name, scenarios, sensed), shared, reward)
+    except CoopsimError:
+        scenarios.close()
+        raise
 
 
 def situation_env(

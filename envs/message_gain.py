@@ -23,7 +23,7 @@ from coopsim.metrics.log_pool import LogPool
 from coopsim.metrics.scorer import Scorer
 from coopsim.support.checks import require_choice, require_non_negative
 from coopsim.types import AgentSpec, Observation
-from coopsim.types.driving import LARGEST_BRAKING_M_S2
+from coopsim.types.driving import LARGEST_BRAKING_M_S2, acceleration_of
 
 _RATE_BIT_S = 6e6
 """Default data rate of ITS-G5 (ETSI EN 302 663: 10 MHz, QPSK, code rate 1/2), of which load is a share."""
@@ -141,7 +141,7 @@ class _Receivers:
         tracks = self._policy.track_all(received)
         if self._driving is not None:
             asked = self._driving.commands(frame, tracks)
-            return {name: min(command, 0.0) / LARGEST_BRAKING_M_S2 for name, command in asked.items()}
+            return {name: min(acceleration_of(command), 0.0) / LARGEST_BRAKING_M_S2 for name, command in asked.items()}
         counts = self._scorer.update(frame.agents, tracks)
         if self._metric == "mota":
             return {name: 1 - (each.fp + each.fn + each.idsw) / max(each.gt, 1) for name, each in counts.items()}

@@ -65,6 +65,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     | inbox | sender, codec, captured_ns (M,), pose (M, 4), payload_bytes (M,) | messages that arrived since |
     | inbox_payload | (B, 1) | their payloads, end to end |
     | pose_covariance | (3, 3), in the inbox (M, 3, 3) | only where some agent states one; zeros for none |
+    | signals, signals_payload | payload_bytes (M,), (B, 1) | only with `signal_messages`: of SPATEM, MAPEM |
     | sensed | 0 or 1 | only with `sense_every` > 1: whether sensors and detector ran in this frame |
 
     Action (dict, per agent): `tracks` (id, box, velocity, score, label) in the agent's base frame, and for a car that
@@ -175,14 +176,13 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         seed = fresh_seed() if seed is None else seed
         require_seed(seed)
         known = self._source.known_options(options)
-        before, self._halfway = self._halfway, True
+        before, self._halfway, source = self._halfway, True, self._source
         try:
-            frame = self._source.start(seed, known)
+            frame = source.start(seed, known)
         except (UnknownNameError, RecordingError):  # what was asked for is not there, and nothing has begun
             self._halfway = before
             raise
-        source = self._source
-        self._exchange = Exchange(self._options, source.specs, self.road_map.buildings, seed, source.driven)
+        self._exchange = Exchange(self._options, source, seed)
         self.agents = list(frame.agents)
         self._rewards.begin(self.agent_specs, self._options.match_iou, source.region_m, seed)
         received, observations = self._observe(frame)

@@ -204,7 +204,8 @@ class SingleAgentEnv(gymnasium.Env[Packed, Any]):
             self._shown = EgoStep(self.ego, self.parallel.cars.get(self.ego))
             return
         command = self.parallel.agent_specs[self.ego].command
-        given = None if command is None else np.asarray(action[command]).item()
+        given = None if command is None else np.asarray(action[command]).ravel().tolist()
+        given = given if given is None else tuple(given) if len(given) > 1 else given[0]
         self._shown = EgoStep(self.ego, self._shown.car, given, reward)
 
     def _next_seed(self) -> int:

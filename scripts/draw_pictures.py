@@ -1,15 +1,17 @@
-"""Draw the pictures of the pages: scenarios and situations from above, drawn towns, street furniture.
+"""Draw the pictures of the pages: scenarios and situations from above, drawn towns, street furniture, places of maps.
 
-    python scripts/draw_pictures.py [scenarios] [situations] [above] [close] [eyes] [options] [furniture]
+    python scripts/draw_pictures.py [scenarios] [situations] [above] [close] [eyes] [options] [furniture] [maps]
         [--names crossing,village] [--places 0-23] [--processes 2] [--out FOLDER]
 
 Without `--out` they go to the folders of their pages. Pictures of towns are of the moment after `WARM_UP_S` of traffic,
-place k with seed k; what stands there is drawn from the meshes that the sensors meet.
+place k with seed k; what stands there is drawn from the meshes that the sensors meet. Maps are read from the folder
+`maps` in the one that COOPSIM_DATA names; without it, `maps` is left out.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Callable, Sequence
 from functools import partial
 from multiprocessing import get_context
@@ -34,7 +36,7 @@ from coopsim.sensors.scene import static_triangles
 from coopsim.viz.bev import BevRenderer
 from coopsim.viz.point_picture import draw_points
 from coopsim.viz.portrait import contact_sheet, draw_overhead
-from coopsim.world.drawn_options import PlaceSeeds, TownOptions
+from coopsim.world.drawn_places import TOWN, choose_scenarios
 from coopsim.world.furniture.furnish import furnishing_parts
 from coopsim.world.furniture.kinds import KINDS
 from coopsim.world.places.description import MapFurniture
@@ -42,14 +44,12 @@ from coopsim.world.places.layout import flat_part, rectangle
 from coopsim.world.scenario import SCENARIOS, make_scenario
 from coopsim.world.situations.situation import EGO, SITUATIONS
 from coopsim.world.snapshot import Actors, StaticPart
-from coopsim.world.towns.scenarios import TownScenarios
 from coopsim.world.world import World
 
 Picture = NDArray[np.uint8]
 
 DOCS = Path(__file__).parents[1] / "docs"
 FRAMES = 40
-ANY = TownOptions()
 WARM_UP_S = 10.0
 CLOSE_M, POINTS_M = 80.0, 40.0
 TILE_PX, EYES_PX = 300, (480, 300)
@@ -60,6 +60,17 @@ LOW_AND_HIGH: dict[str, tuple[Any, Any]] = {
     "lanes": (1, 3),
     "density": (0.5, 2.0),
 }
+MAPS = {
+    "Cologne": ("sumo/cologne8.net.xml", 4),
+    "Ingolstadt": ("sumo/ingolstadt7.net.xml", 4),
+    "Berlin-Adlershof": ("sumo/berlin_adlershof.net.xml", 0),
+    "motorway A10": ("sumo/a10kw.net.xml", 0),
+    "CARLA, Town03": ("opendrive/Town03.xodr.gz", 0),
+    "CARLA, Town05": ("opendrive/Town05.xodr.gz", 3),
+}
+"""Files of maps and place seeds, by what is below the picture."""
+
+MAP_RADIUS_M = 150.0
 SMOOTHING = 2
 SITUATION_SEED = 4
 NONE = np.zeros(0, np.int64)
@@ -77,9 +88,9 @@ def draw_scenario(name: str, folder: Path) -> None:
     Image.fromarray(picture).quantize(32).save(folder / f"{name}.png", optimize=True)
 
 
-def above(place: int, options: TownOptions = ANY, density: float = 1.0) -> Picture:
-    """Draw the whole town from above."""
-    world = _world(place, options, density)
+def above(place: int, environment: str = TOWN, **options: Any) -> Picture:
+    """Draw the whole of a drawn place from above."""
+    world = _world(place, environment, **options)
     corners = np.concatenate(world.map.lanes)
     low, high = corners.min(axis=0), corners.max(axis=0)
     return draw_overhead(world, (low + high) / 2, float((high - low).max()) + 2 * MARGIN_M, TILE_PX)
@@ -87,28 +98,25 @@ def above(place: int, options: TownOptions = ANY, density: float = 1.0) -> Pictu
 
 def close(place: int) -> Picture:
     """Draw the surroundings of the agents from above."""
-    world = _world(place, ANY, 1.0)
+    world = _world(place, TOWN)
     agents = [body.world_SE3_base.translation[:2] for body in world.agents().values()]
     return draw_overhead(world, np.mean(agents, axis=0), CLOSE_M, TILE_PX)
 
 
-def eyes(place: int, options: TownOptions = ANY, density: float = 1.0) -> Picture:
+def eyes(place: int, environment: str = TOWN, **options: Any) -> Picture:
     """Draw what the first agent's camera and LiDAR see, side by side."""
     width, height = EYES_PX
     lens = Intrinsics.from_fov(2 * width, 2 * height, float(np.radians(85.0)))
     env = coopsim.parallel_env(
-        "town",
+        environment,
         place_seed=place,
-        density=density,
-        junctions=options.junctions,
-        openness=options.openness,
-        lanes=options.lanes,
         cameras={"cav_0": [Camera("front", lens)]},
         lidar="HDL-64E",
         detector="none",
         dt_s=WARM_UP_S,
         max_cycles=2,
         expose_ground_truth=True,
+        **options,
     )
     episode = coopsim.run_episode(env, coopsim.make_policy("no_fusion"), seed=place, most_steps=1)
     observations, infos = episode.observations, episode.infos
@@ -119,17 +127,15 @@ def eyes(place: int, options: TownOptions = ANY, density: float = 1.0) -> Pictur
     return np.concatenate([fine.mean(axis=(1, 3)).astype(np.uint8), points], axis=1)
 
 
-def _world(place: int, options: TownOptions, density: float) -> World:
-    world = World(TownScenarios(PlaceSeeds(place), options, density, None, {}).of(place), place)
+def _world(place: int, environment: str, **options: Any) -> World:
+    world = World(choose_scenarios(environment, place_seed=place, **options).of(place), place)
     world.step(WARM_UP_S)
     return world
 
 
 def _option(name: str, value: Any, place: int) -> Picture:
     """Draw a town with one option set, from above and through an agent's eyes."""
-    options = ANY if name == "density" else TownOptions(**{name: value})
-    density = value if name == "density" else 1.0
-    views = above(place, options, density), eyes(place, options, density)[:, : EYES_PX[0]]
+    views = above(place, **{name: value}), eyes(place, **{name: value})[:, : EYES_PX[0]]
     picture = np.full((TILE_PX, TILE_PX + EYES_PX[0], 3), 255, dtype=np.uint8)
     picture[:, :TILE_PX], picture[: EYES_PX[1], TILE_PX:] = views
     return picture
@@ -165,6 +171,16 @@ def draw_options(folder: Path, place: int, processes: int) -> None:
         pictures = pool.starmap(partial(_option, place=place), values)
     labels = [f"{name}={value}" for name, value in values]
     _save(folder / "options.jpg", list(zip(labels, pictures, strict=True)), 2)
+
+
+def draw_maps(folder: Path) -> None:
+    """Draw places of maps from above and in the first agent's LiDAR, side by side."""
+    pictures = []
+    for name, (file, place) in MAPS.items():
+        path = str(Path(os.environ["COOPSIM_DATA"]) / "maps" / file)
+        points = eyes(place, path, radius_m=MAP_RADIUS_M)[:, EYES_PX[0] :]
+        pictures.append((name, np.hstack([above(place, path, radius_m=MAP_RADIUS_M), points])))
+    _save(folder / "maps.jpg", pictures, 2)
 
 
 def axes_towards(yaw_deg: float, down_deg: float) -> Floats:
@@ -252,6 +268,7 @@ PAGES = {
     "situations": DOCS / "reference",
     "furniture": DOCS / "reference",
     **dict.fromkeys((*VIEWS, "options"), DOCS / "results" / "towns"),
+    **({"maps": DOCS / "gallery"} if "COOPSIM_DATA" in os.environ else {}),
 }
 """The pictures, and the folders of their pages."""
 
@@ -276,6 +293,8 @@ def main() -> None:
             draw_situations(folder)
         elif kind == "furniture":
             draw_furniture(folder)
+        elif kind == "maps":
+            draw_maps(folder)
         elif kind == "options":
             draw_options(folder, given.option_place, given.processes)
         else:

@@ -28,6 +28,7 @@ from coopsim.world.traffic.lanes import NumberedNetwork
 from coopsim.world.world import World
 
 STEP_S, JAM_S, RED_S = 0.1, 120.0, 1.0
+LOOP_M = 35.0  # from the ends of lanes at the circle to the far side of loops to turn round in
 
 
 def drive(scenario: Scenario, seed: int, seconds: float, radius_m: float, told: list[str]) -> Counter[str]:
@@ -69,7 +70,7 @@ def drive(scenario: Scenario, seed: int, seconds: float, radius_m: float, told: 
             if abs(aside) > lane.width / 2 and 0 <= along <= lane.length:
                 off.add(int(rows["id"][n]))
         seen |= set(rows["id"][moving].tolist())
-        out = np.hypot(rows["x"], rows["y"])[list(traffic.connected)] > radius_m + 25.0
+        out = np.hypot(rows["x"], rows["y"])[list(traffic.connected)] > radius_m + LOOP_M
         found["connected cars outside"] = max(found["connected cars outside"], int(out.sum()))
     found["crashed vehicles"], found["vehicles off their lane"] = len(crashed), len(off)
     found["vehicles"] = int(moving.sum())

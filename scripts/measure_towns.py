@@ -1,7 +1,9 @@
 """Measure what agents in drawn towns sense, and print it beside the labels and detections of V2V4Real.
 
     python scripts/measure_towns.py --places 0-39 --seconds 20 --processes 2 --v2v4real FOLDER
+    python scripts/measure_towns.py --environments Town05.xodr.gz --option radius_m=150 --crews "as OPV2V"
 
+With `--environments`, towns and places of maps stand beside each other. `--option` goes to all of them but towns.
 FOLDER holds V2V4Real as recording sets `train` and `val`, each with `labels` and `detections/{ego,1}`. One frame a
 second is measured; towns have the default options. A value is the mean over places of a place's mean, with the 95 %
 interval of Student's t over places. Commands score policies; none looks at what agents sense.
@@ -25,10 +27,11 @@ from tqdm import tqdm
 
 import coopsim
 from coopsim.bench.results.statistics import mean_interval
-from coopsim.cli.argument_types import seeds
+from coopsim.cli.argument_types import named_value, names, seeds
 from coopsim.data.recording_set import RecordingSet
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.drawn_places import TOWN
 
 Values = dict[str, float]
 
@@ -65,18 +68,18 @@ CREWS = (
 )
 
 
-def measure(job: tuple[Crew, int], *, seconds: int) -> Values:
-    """Measure a town; return the means over its frames."""
-    crew, place = job
+def measure(job: tuple[tuple[str, Crew], int], *, seconds: int, options: Mapping[str, Any]) -> Values:
+    """Measure a place; return the means over its frames."""
+    (environment, crew), place = job
     env = coopsim.parallel_env(
-        "town",
+        environment,
         place_seed=place,
         lidar=crew.lidar,
         dt_s=1.0,
         max_cycles=seconds,
         expose_ground_truth=True,
         expose_visibility=True,
-        **dict(crew.numbers),
+        **{**dict(crew.numbers), **(options if environment != TOWN else {})},
     )
     kept = Frames()
     coopsim.run_episode(env, coopsim.make_policy("no_fusion"), [kept], seed=place)
@@ -120,6 +123,11 @@ def _frame(observations: Mapping[str, Any], infos: Mapping[str, Any]) -> Iterato
     yield "people and riders with returns, in the region", (~vehicle & near & (seen_by > 0)).sum()
     near_opv2v = (np.abs(truth["box"][:, :2]) < LONG_REGION_M).all(axis=1)
     yield "vehicles with returns, in OPV2V's longer region", (vehicle & near_opv2v & (seen_by > 0)).sum()
+    labels, total = vehicle & other & (seen_by > 0), truth["returns"].sum(axis=1)
+    own = truth["returns"][labels, list(infos).index(first)]
+    yield "vehicles with returns, anywhere, without agents", labels.sum()
+    yield "of these without returns of the first agent, %", _percent(own == 0)
+    yield "returns of these, all agents together, median", _median(total[labels])
     for what, count in (("one agent", seen_by == 1), ("several", seen_by > 1), ("none", seen_by == 0)):
         yield f"objects in the region with returns of {what}, %", _percent(count[near & other])
     found = np.stack([_found(truth, infos[first], observations[name], infos[name]) for name in infos], axis=1)
@@ -137,6 +145,10 @@ def _frame(observations: Mapping[str, Any], infos: Mapping[str, Any]) -> Iterato
 
 def _percent(which: NDArray[np.bool_]) -> float:
     return 100 * float(which.mean()) if len(which) else np.nan
+
+
+def _median(values: NDArray[Any]) -> float:
+    return float(np.median(values)) if len(values) else np.nan
 
 
 def _found(truth: Mapping[str, Any], first: Mapping[str, Any], observation: Any, info: Any) -> NDArray[np.bool_]:
@@ -163,8 +175,7 @@ def _by_range(truth: Mapping[str, Any], infos: Mapping[str, Any]) -> Iterator[tu
     returns = truth["returns"][is_car, list(infos).index(next(iter(infos)))]
     for low_m, high_m in pairwise(RANGES_M):
         there = returns[(range_m >= low_m) & (range_m < high_m)]
-        hit = there[there > 0]
-        yield f"returns of a car at {low_m} to {high_m} m, median", float(np.median(hit)) if len(hit) else np.nan
+        yield f"returns of a car at {low_m} to {high_m} m, median", _median(there[there > 0])
         yield f"cars at {low_m} to {high_m} m without returns, %", _percent(there == 0)
 
 
@@ -196,7 +207,7 @@ def v2v4real(folder: Path) -> Iterator[tuple[str, float]]:
         yield f"vehicles in the region detected by {what}, %", _percent(count)
 
 
-def table(values: Mapping[Crew, Sequence[Values]], real: Mapping[str, Values]) -> str:
+def table(values: Mapping[tuple[str, Crew], Sequence[Values]], real: Mapping[str, Values]) -> str:
     """Return all values in Markdown."""
     every = [*(place for places in values.values() for place in places), *real.values()]
     names = dict.fromkeys(name for each in every for name in each)
@@ -205,24 +216,36 @@ def table(values: Mapping[Crew, Sequence[Values]], real: Mapping[str, Values]) -
         intervals = [mean_interval(np.array([place.get(name, np.nan) for place in each])) for each in values.values()]
         shown = [f"{each.mean:.1f} ± {each.half_width:.1f}" if each.count > 1 else "" for each in intervals]
         rows.append([name, *shown, *(f"{each[name]:.1f}" if name in each else "" for each in real.values())])
-    heading = ("", *(f"{crew.name}: {crew.lidar}" for crew in values), *real)
+    heading = ("", *(_heading(*which) for which in values), *real)
     return tabulate(rows, heading, tablefmt="github", disable_numparse=True)
+
+
+def _heading(environment: str, crew: Crew) -> str:
+    place = "" if environment == TOWN else f"{Path(environment).name.split('.')[0]}, "
+    return f"{place}{crew.name}: {crew.lidar}"
 
 
 def main() -> None:
     """Read the arguments, measure, print."""
-    parser = argparse.ArgumentParser(description="Measure what agents in drawn towns sense.")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--environments", type=names, default=(TOWN,), help="town, or files of maps (default: town)")
+    parser.add_argument("--option", type=named_value, action="append", default=[], help="of places of maps")
+    parser.add_argument("--crews", type=names, default=tuple(crew.name for crew in CREWS), help="(default: all)")
     parser.add_argument("--places", type=seeds, default="0-39", help="place seeds (default: 0-39)")
     parser.add_argument("--seconds", type=int, default=20, help="of each (default: %(default)s)")
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--v2v4real", type=Path, help="V2V4Real as a recording set")
     args = parser.parse_args()
-    jobs = [(crew, place) for place in args.places for crew in CREWS]
-    values: dict[Crew, list[Values]] = {crew: [] for crew in CREWS}
+    crews = {crew.name: crew for crew in CREWS}
+    for unknown in (name for name in args.crews if name not in crews):
+        parser.error(f"--crews accepts {', '.join(crews)}, got {unknown!r}")
+    columns = [(environment, crews[name]) for environment in args.environments for name in args.crews]
+    jobs = [(column, place) for column in columns for place in args.places]
+    values: dict[tuple[str, Crew], list[Values]] = {column: [] for column in columns}
     with get_context("spawn").Pool(args.processes) as pool:
-        results = pool.imap(partial(measure, seconds=args.seconds), jobs)
-        for (crew, _), measured in zip(jobs, tqdm(results, total=len(jobs)), strict=True):
-            values[crew].append(measured)
+        results = pool.imap(partial(measure, seconds=args.seconds, options=dict(args.option)), jobs)
+        for (column, _), measured in zip(jobs, tqdm(results, total=len(jobs)), strict=True):
+            values[column].append(measured)
     splits = ("train", "val") if args.v2v4real else ()
     print(table(values, {f"V2V4Real itself, {split}": dict(v2v4real(args.v2v4real / split)) for split in splits}))
 

@@ -92,7 +92,7 @@ def correlation_table(sources: Mapping[tuple[str, str], Scores]) -> str:
         parts = {scenario: _stacked(sources[scenario, detector]) for scenario in scenarios}
         for name, simulated in {**parts, "all": np.concatenate(list(parts.values()))}.items():
             for column, metric in enumerate(METRICS):
-                rows.append([detector, name, metric, *_intervals(recorded[..., column], simulated[..., column])])
+                rows.append([detector, name, metric, *rank_correlations(recorded[..., column], simulated[..., column])])
     heads = ["detector", "scenario", "metric", "Spearman's rho (95 %)", "Kendall's tau (95 %)"]
     return tabulate(rows, heads, tablefmt="github")
 
@@ -111,7 +111,7 @@ def _stacked(scores: Scores) -> Floats:
     return np.stack(list(scores.values()), axis=1)
 
 
-def _intervals(recorded: Floats, simulated: Floats) -> list[str]:
+def rank_correlations(recorded: Floats, simulated: Floats) -> list[str]:
     """Format rho and tau of the means over rows of (R, P) and (E, P), with 95 % intervals of a bootstrap over rows."""
     rng = stream(0, "bootstrap")
 

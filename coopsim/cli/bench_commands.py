@@ -46,6 +46,7 @@ def _add_outputs(parser: argparse._ActionsContainer) -> None:
     add = parser.add_argument
     of = "of leaderboards, LaTeX tables and figure; the first ranks"
     add("--metrics", type=names, default=(), metavar="A,B", help=of)
+    add("--title", default="", metavar="TEXT", help="of the report (default: the question that the results answer)")
     clips = "of the worst moments, lies and crashes, from films of the runs; 0: none are kept (default: %(default)s)"
     add("--clips", type=count_or_zero, default=5, help=clips)
     add("--plots", action="store_true", help="write the curves of all metrics as SVG files, too")
@@ -75,6 +76,7 @@ def write_files(folder: Path, results: Sequence[CellResult], options: argparse.N
         folder,
         results,
         Provenance.from_data(Store(folder).provenance()),
+        title=options.title,
         metrics=options.metrics,
         clips=options.clips,
         with_plots=options.plots,

@@ -20,6 +20,34 @@ def along_of(line: Floats) -> Floats:
 
 
 @njit(cache=True, nogil=True)
+def crossing_of(a: Floats, i: int, b: Floats, k: int) -> tuple[float, float]:
+    """Return where piece `i` of a line (N, 2 or more) and piece `k` of another meet in the plane, as shares of each.
+
+    NaN if they do not. Parallel pieces never do.
+    """
+    rx, ry = a[i + 1, 0] - a[i, 0], a[i + 1, 1] - a[i, 1]
+    sx, sy = b[k + 1, 0] - b[k, 0], b[k + 1, 1] - b[k, 1]
+    area = rx * sy - ry * sx
+    if area == 0.0:
+        return np.nan, np.nan
+    dx, dy = b[k, 0] - a[i, 0], b[k, 1] - a[i, 1]
+    along_a, along_b = (dx * sy - dy * sx) / area, (dx * ry - dy * rx) / area
+    if 0 <= along_a <= 1 and 0 <= along_b <= 1:
+        return along_a, along_b
+    return np.nan, np.nan
+
+
+@njit(cache=True, nogil=True)
+def lines_cross(a: Floats, b: Floats) -> bool:
+    """Return whether two polylines (N, 2) and (M, 2) meet; parallel pieces do not cross."""
+    for i in range(len(a) - 1):
+        for k in range(len(b) - 1):
+            if not np.isnan(crossing_of(a, i, b, k)[0]):
+                return True
+    return False
+
+
+@njit(cache=True, nogil=True)
 def distances_to_lines(points: Floats, starts: Floats, ends: Floats, width_m: Floats) -> Floats:
     """Return the distances (N,) of points (N, 2) m from the nearest of straight lines (M, 2), less its width (M,)."""
     found = np.full(len(points), np.inf)

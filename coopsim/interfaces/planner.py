@@ -1,10 +1,11 @@
-"""The seam for planners: a car's acceleration, from what its policy reports and what the car knows of itself."""
+"""The seam for planners: how a car accelerates and steers, from what its policy reports and what it knows of itself."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 from coopsim.config.spec import instantiate, parse_spec
 from coopsim.errors import InvalidValueError
@@ -30,6 +31,8 @@ class PlannedCar:
         width_m: width of the car's body.
         route: the way ahead.
         traffic_side: side of the road that vehicles keep to, "right" or "left".
+        steering_rad: angle of the front wheels, of a car that the planner steers.
+        wheelbase_m: distance between the axles, of which the middle is the car's, of a car that the planner steers.
     """
 
     name: str
@@ -43,20 +46,35 @@ class PlannedCar:
     width_m: float
     route: Route
     traffic_side: str = "right"
+    steering_rad: float = 0.0
+    wheelbase_m: float = 0.0
+
+
+Plan = float | tuple[float, float]
+"""An acceleration, m/s², or with it an angle of the front wheels, rad."""
 
 
 class Planner(ABC):
-    """The driver of one car for one episode: one object for each car and episode, so it may keep state."""
+    """The driver of one car for one episode: one object for each car and episode, so it may keep state.
+
+    Attributes:
+        steers: the planner steers, too: its car does as under `control="steering"`, and has a goal.
+    """
+
+    steers: ClassVar[bool] = False
 
     @abstractmethod
-    def plan(self, car: PlannedCar) -> float:
-        """Return the acceleration along the route until the next call, m/s².
+    def plan(self, car: PlannedCar) -> Plan:
+        """Return the acceleration along the route until the next call, m/s²; if it `steers` with the steering angle.
 
-        It is cut to `LARGEST_BRAKING_M_S2` and `LARGEST_ACCELERATION_M_S2`; a car follows with `JERK_M_S3`.
+        Accelerations are cut to `LARGEST_BRAKING_M_S2` and `LARGEST_ACCELERATION_M_S2`, a car follows with `JERK_M_S3`;
+        angles are those of the front wheels, rad, positive to the left, cut to `LARGEST_STEERING_RAD`.
         """
 
 
-PLANNERS: Registry[type[Planner]] = Registry("planner", home="coopsim.planning.idm_aeb", group="coopsim.planners")
+PLANNERS: Registry[type[Planner]] = Registry(
+    "planner", home=("coopsim.planning.idm_aeb", "coopsim.planning.route_follower"), group="coopsim.planners"
+)
 """Planner classes. Installed packages add theirs through the entry-point group `coopsim.planners`."""
 
 

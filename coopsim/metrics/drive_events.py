@@ -75,6 +75,7 @@ class Crash:
         speed_m_s: speed of the car relative to the other, in the frame before.
         moved: whether the car moved.
         at_fault: whether the car drove into the other: it moved, and the other stood or was touched by its front.
+        by_log: whether the other follows a log, which cannot see the car, and drove into it.
     """
 
     time_s: float
@@ -83,6 +84,7 @@ class Crash:
     speed_m_s: float
     moved: bool
     at_fault: bool
+    by_log: bool = False
 
     @property
     def party(self) -> str:
@@ -214,11 +216,12 @@ class _Course:
         if other < 0 or gaps[other] > TOUCHES_M:
             return Crash(float(drive.time_s[frame]), -1, -1, float(np.hypot(*own)), bool(moved), bool(moved))
         velocity = drive.velocity[before if np.isfinite(drive.velocity[before, other, 0]) else frame, other]
-        in_front = _touches_front(drive.car[frame], drive.boxes[frame, other])
+        in_front = touches_front(drive.car[frame], drive.boxes[frame, other])
         at_fault = moved and (np.hypot(*velocity) < STANDS_M_S or in_front)
         speed = float(np.hypot(*(own - velocity)))
         label, identity = int(drive.label[other]), int(drive.ids[other])
-        return Crash(float(drive.time_s[frame]), label, identity, speed, bool(moved), bool(at_fault))
+        by_log = drive.hit_by_log and not at_fault
+        return Crash(float(drive.time_s[frame]), label, identity, speed, bool(moved), bool(at_fault), by_log)
 
     def min_ttc_s(self) -> float:
         """Return the least time to collision."""
@@ -322,7 +325,7 @@ class _Course:
         return float(((along < LON_M_S2[0]) | (along > LON_M_S2[1]) | (across > LAT_M_S2)).mean())
 
 
-def _touches_front(car: Floats, other: Floats) -> bool:
+def touches_front(car: Floats, other: Floats) -> bool:
     """Return whether the front of a car's body is at least as near to another body as its other sides are."""
     x, y, length, width, yaw = car
     ahead, left = np.array([np.cos(yaw), np.sin(yaw)]), np.array([-np.sin(yaw), np.cos(yaw)])

@@ -164,6 +164,7 @@ class Drive:
         seen_by: (F, A) index into `coopsim.metrics.score.SEEN_BY`; -1 where unknown or absent.
         tracks: reported tracks of each frame.
         ways: way ahead in each frame.
+        hit_by_log: see `CarState`.
     """
 
     time_s: Floats
@@ -180,6 +181,7 @@ class Drive:
     seen_by: Ints
     tracks: tuple[ReportedTracks, ...]
     ways: tuple[WayAhead, ...]
+    hit_by_log: bool = False
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -195,7 +197,7 @@ class Drive:
 class _Packed(NamedTuple):
     time_ns: int
     pose: Floats
-    state: tuple[float, float, float, bool]  # speed, acceleration, command, whether crashed
+    state: tuple[float, float, float, bool, bool]  # speed, acceleration, command, whether crashed, and hit by a log
     spacing_m: float
     route: _Small  # (K, 3): x, y, speed limit
     ids: Ints
@@ -221,7 +223,7 @@ class _Packed(NamedTuple):
         return cls(
             frame.time_ns,
             frame.pose,
-            (car.speed_m_s, car.acceleration_m_s2, frame.command_m_s2, car.crashed),
+            (car.speed_m_s, car.acceleration_m_s2, frame.command_m_s2, car.crashed, car.hit_by_log),
             car.route.spacing_m,
             route,
             truth.id,
@@ -267,6 +269,7 @@ def _unpacked(frames: list[_Packed], size_m: tuple[float, float]) -> Drive:
         seen_by,
         tuple(_tracks(frame) for frame in frames),
         tuple(_way(frame) for frame in frames),
+        bool(state[-1, 4]),
     )
 
 

@@ -76,6 +76,10 @@ DRIVING: Mapping[str, Metric] = {
         lambda events: events.crash is not None and events.crash.at_fault,
         "episodes in which the driven car drove into another body",
     ),
+    "crash_by_log": _rate(
+        lambda events: events.crash is not None and events.crash.by_log,
+        "episodes in which a road user that follows a log, and cannot see the driven car, drove into it",
+    ),
     "crash_person": _rate(partial(_hit, PERSON), "episodes with a crash with a pedestrian or a child"),
     "crash_rider": _rate(partial(_hit, RIDER), "episodes with a crash with a motorcycle, bicycle or scooter"),
     "crash_vehicle": _rate(partial(_hit, VEHICLE), "episodes with a crash with a car, van, truck or bus"),

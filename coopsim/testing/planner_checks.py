@@ -13,10 +13,10 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.interfaces.planner import PlannedCar, Planner, make_planner
 from coopsim.testing.harness import name_of, require_own_state, untouched
 from coopsim.types import NS_PER_S, Tracks
-from coopsim.types.driving import JERK_M_S3, LARGEST_ACCELERATION_M_S2, LARGEST_BRAKING_M_S2, NOBODY_FIRST, Route
+from coopsim.types.driving import LARGEST_ACCELERATION_M_S2, LARGEST_BRAKING_M_S2, NOBODY_FIRST, Route, approached
 from coopsim.types.taxonomy import ObjectClass
 
-_DT_S, _LENGTH_M, _WIDTH_M = 0.1, 4.5, 1.9
+_DT_S, _LENGTH_M, _WIDTH_M, _WHEELBASE_M = 0.1, 4.5, 1.9, 2.6
 
 _Around = Callable[[int], Tracks]
 """Tracks by the number of the frame, in the frame of reference in which the car starts."""
@@ -95,11 +95,12 @@ def _drive(planner: Planner, name: str, around: _Around) -> _Driven:
         moved = replace(tracks, boxes=Boxes3D.from_array(tracks.boxes.array - np.array([at, 0, 0, 0, 0, 0, 0])))
         time_ns = round(frame * _DT_S * NS_PER_S)
         car = PlannedCar("cav_0", time_ns, _DT_S, moved, speed, acceleration, 0.0, _LENGTH_M, _WIDTH_M, route)
+        car = replace(car, wheelbase_m=_WHEELBASE_M) if planner.steers else car
         with untouched(car, f"{name} must leave its input as it is"):
             answer = _answer(planner, name, car)
         driven.append((at, speed, answer))
         wanted = min(max(answer, -LARGEST_BRAKING_M_S2), LARGEST_ACCELERATION_M_S2)
-        acceleration += min(max(wanted - acceleration, -JERK_M_S3 * _DT_S), JERK_M_S3 * _DT_S)
+        acceleration = approached(acceleration, wanted, _DT_S)
         speed = max(speed + acceleration * _DT_S, 0.0)
         at += speed * _DT_S
     return driven
@@ -110,9 +111,12 @@ def _answer(planner: Planner, name: str, car: PlannedCar) -> float:
         answer: Any = planner.plan(car)
     except Exception as error:
         raise AssertionError(f"{name} must return a number, and raised {type(error).__name__}: {error}") from error
-    number = isinstance(answer, (int, float, np.integer, np.floating)) and not isinstance(answer, bool)
-    assert number and math.isfinite(answer), f"{name} must return a finite acceleration, got {answer!r}"
-    return float(answer)
+    pair = isinstance(answer, tuple) and len(answer) == 2
+    assert pair or not planner.steers, f"{name} must return an acceleration and an angle, got {answer!r}"
+    for number in answer if planner.steers else (answer,):
+        known = isinstance(number, (int, float, np.integer, np.floating)) and not isinstance(number, bool)
+        assert known and math.isfinite(number), f"{name} must return a finite acceleration, got {answer!r}"
+    return float(answer[0] if planner.steers else answer)
 
 
 def _stops(driven: _Driven) -> bool:

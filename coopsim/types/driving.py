@@ -1,9 +1,9 @@
-"""Driving: the maneuvers and accelerations of actions, and the way ahead of a car."""
+"""Driving: the maneuvers, accelerations and steering angles of actions, and the way ahead of a car."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,10 +12,16 @@ from coopsim.support.arrays import freeze
 from coopsim.support.kernels import njit
 from coopsim.types.units import Ints
 
-Command = int | float
-"""Command of an agent to its car: a maneuver, or an acceleration in m/s²."""
+Command = int | float | tuple[float, float]
+"""Command of an agent to its car: a maneuver, an acceleration in m/s², or that and a steering angle in rad."""
 
-MANEUVER, ACCELERATION = "maneuver", "acceleration_m_s2"
+
+def acceleration_of(command: Command) -> float:
+    """Return the acceleration of a command that has one, m/s²."""
+    return float(command[0] if isinstance(command, tuple) else command)
+
+
+MANEUVER, ACCELERATION, STEERING = "maneuver", "acceleration_m_s2", "steering"
 """Parts of an action by which an agent drives; see `AgentSpec.command`."""
 
 GIVES_WAY, NOBODY_FIRST, HAS_PRIORITY = -1, 0, 1
@@ -27,8 +33,24 @@ OUTER_SIDES = {"right": -1, "left": 1}
 LARGEST_BRAKING_M_S2, LARGEST_ACCELERATION_M_S2 = 8.0, 3.0
 """Bounds of commanded accelerations: full braking of a passenger car on a dry road, and brisk acceleration."""
 
+LARGEST_STEERING_RAD = 0.6
+"""Bound of commanded angles of the front wheels, to the left and to the right: a turning circle of 11 m from kerb to
+kerb, as passenger cars have, needs as much at a wheelbase of 2.7 m."""
+
+NO_LIGHT, GREEN, YELLOW, RED = range(4)
+"""Traffic light that holds for a piece of a route."""
+
+ARRIVES_M = 5.0
+"""Distance along the lanes from which on a goal is reached."""
+
 JERK_M_S3 = 40.0
 """Fastest change of a car's acceleration: hydraulic brakes reach full braking 0.2 s after it is asked for."""
+
+
+def approached(before_m_s2: float, wanted_m_s2: float, dt_s: float) -> float:
+    """Return the acceleration a time after it was another one, as near to the one that is wanted as it can be then."""
+    change_m_s2 = JERK_M_S3 * dt_s
+    return before_m_s2 + min(max(wanted_m_s2 - before_m_s2, -change_m_s2), change_m_s2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,12 +62,22 @@ class Route:
         spacing_m: distance from each point to the next, along the lanes.
         speed_limit_m_s: (K,) legal speed, or less where a bend is too narrow for it; 0 from a red light on.
         right_of_way: (K,) `GIVES_WAY`, `NOBODY_FIRST` or `HAS_PRIORITY`.
+        lane_width_m: (K,) width of the lane; empty: unknown.
+        beside: (K, 2) numbers of lanes of the same road to its left and to its right; empty: unknown.
+        lights: (K,) `NO_LIGHT`, `GREEN`, `YELLOW` or `RED` of the way over a junction, from its line on; empty: none.
+        goal_m: distance along the lanes to the goal; infinite: there is none.
+        length_m: distance along the lanes from the start to the goal; infinite: there is none.
     """
 
     points: Floats
     spacing_m: float
     speed_limit_m_s: Floats
     right_of_way: Ints
+    lane_width_m: Floats = field(default_factory=lambda: np.zeros(0))
+    beside: Ints = field(default_factory=lambda: np.zeros((0, 2), np.int64))
+    lights: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    goal_m: float = math.inf
+    length_m: float = math.inf
 
     def __post_init__(self) -> None:
         count = len(self.points)
@@ -54,7 +86,20 @@ class Route:
             points=((count, 2), np.float64),
             speed_limit_m_s=((count,), np.float64),
             right_of_way=((count,), np.int64),
+            lane_width_m=((count if len(self.lane_width_m) else 0,), np.float64),
+            beside=((count if len(self.beside) else 0, 2), np.int64),
+            lights=((count if len(self.lights) else 0,), np.int64),
         )
+
+    @property
+    def completion(self) -> float:
+        """Share of the way to the goal that is behind the car, in [0, 1]; 0 without a goal."""
+        return 0.0 if math.isinf(self.length_m) else min(max(1.0 - self.goal_m / self.length_m, 0.0), 1.0)
+
+    @property
+    def arrived(self) -> bool:
+        """Flag of a reached goal: it is at most 5 m ahead (as in MetaDrive), and the car is on its lane there."""
+        return self.goal_m <= ARRIVES_M and math.hypot(*self.points[0]) <= self.lane_width_m[0]
 
     @property
     def tangents(self) -> Floats:
@@ -113,6 +158,10 @@ class CarState:
         crashed: whether it has touched something, and stays.
         route: the way ahead.
         traffic_side: side of the road that vehicles keep to, "right" or "left".
+        hit_by_log: whether what it touched first follows a log, which cannot see the car, and drove into it.
+        steering_rad: angle of the front wheels, positive to the left; 0 for a car that nobody steers.
+        wheelbase_m: distance between the axles, of which the middle is the car's; 0 for a car that nobody steers.
+        wrong_way: whether a steered car is on lanes that all lead the other way.
     """
 
     speed_m_s: float
@@ -122,3 +171,7 @@ class CarState:
     crashed: bool
     route: Route
     traffic_side: str = "right"
+    hit_by_log: bool = False
+    steering_rad: float = 0.0
+    wheelbase_m: float = 0.0
+    wrong_way: bool = False

@@ -89,6 +89,8 @@ class Observation:
             are no points, images or detections.
         truth: the true objects, in `track` of a policy with `Needs(truth=True)`; None everywhere else.
         attackers: names of the senders that lie, in `track` of such a policy; None everywhere else.
+        signals: SPATEM and MAPEM that arrived since the last observation, oldest capture first; none without the option
+            `signal_messages`. `coopsim.comms.HeardLights` reads them.
     """
 
     time_ns: int
@@ -101,6 +103,7 @@ class Observation:
     sensed: bool = True
     truth: GroundTruth | None = None
     attackers: frozenset[str] | None = None
+    signals: tuple[bytes, ...] = ()
 
     def with_inbox(self, inbox: tuple[Message, ...]) -> Observation:
         """Return the observation with these messages, oldest capture first."""
@@ -178,7 +181,7 @@ class AgentSpec:
         dt_s: time between two observations.
         uplink: the content that the agent broadcasts ("none", "detections", "tracks", "points", "features", "queries").
         command: part of the action by which the agent drives: "maneuver" under `control="policy"`, "acceleration_m_s2"
-            under `control="acceleration"`; None: the action does not drive it.
+            under `control="acceleration"`, "steering" under `control="steering"`; None: the action does not drive it.
         is_object: others see the agent over the origin of its base frame, but it is not its own object. False for a
             roadside unit, and for a recording, which lacks the positions of its agents.
         frame_owner: the agent whose base frame all agents' boxes are in, as in a recording; None: each agent's boxes
@@ -197,7 +200,7 @@ class AgentSpec:
     kind: Literal["cav", "rsu", "drone"]
     dt_s: float
     uplink: str = "none"
-    command: Literal["maneuver", "acceleration_m_s2"] | None = None
+    command: Literal["maneuver", "acceleration_m_s2", "steering"] | None = None
     is_object: bool = True
     frame_owner: str | None = None
     cameras: Mapping[str, CameraCalibration] = field(default_factory=dict, compare=False)

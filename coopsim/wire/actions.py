@@ -8,12 +8,21 @@ from typing import Any, Protocol
 
 import numpy as np
 from gymnasium import spaces
+from numpy.typing import NDArray
 
 from coopsim.errors import CoopsimError, InvalidActionError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.support.arrays import Floats, as_numbers
 from coopsim.types import AgentSpec, Tracks
-from coopsim.types.driving import ACCELERATION, LARGEST_ACCELERATION_M_S2, LARGEST_BRAKING_M_S2, MANEUVER, Command
+from coopsim.types.driving import (
+    ACCELERATION,
+    LARGEST_ACCELERATION_M_S2,
+    LARGEST_BRAKING_M_S2,
+    LARGEST_STEERING_RAD,
+    MANEUVER,
+    STEERING,
+    Command,
+)
 from coopsim.types.messages import IDLE, MANEUVERS, MessagePart, Said
 from coopsim.types.taxonomy import CLASS_NAMES
 from coopsim.wire.columns import COUNTER, box_space, real_space, rows_space
@@ -70,14 +79,26 @@ def action_spaces(specs: Mapping[str, AgentSpec], *, any_score: bool = False) ->
 
 
 def command_space(command: str) -> spaces.Discrete | spaces.Box:
-    """Return the space of a command: `Discrete` for maneuvers, a (1,) `Box` in m/s² for accelerations."""
+    """Return the space of a command: `Discrete` for maneuvers, a (1,) `Box` in m/s² for accelerations.
+
+    Steering is a (2,) `Box`: acceleration in m/s², and angle of the front wheels in rad, positive to the left.
+    """
     if command == MANEUVER:
         return spaces.Discrete(len(MANEUVERS))
-    return spaces.Box(-LARGEST_BRAKING_M_S2, LARGEST_ACCELERATION_M_S2, (1,), np.float32)
+    return spaces.Box(*_bounds(command), dtype=np.float32)
+
+
+def _bounds(command: str) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the least and greatest numbers of an acceleration (1,), or of an acceleration and an angle (2,)."""
+    low, high = [-LARGEST_BRAKING_M_S2, -LARGEST_STEERING_RAD], [LARGEST_ACCELERATION_M_S2, LARGEST_STEERING_RAD]
+    count = 2 if command == STEERING else 1
+    return np.array(low[:count], np.float32), np.array(high[:count], np.float32)
 
 
 def idle(command: str | None) -> Command:
-    """Return the command that changes nothing: the lane and the speed stay."""
+    """Return the command that changes nothing: the lane and the speed stay, or the speed, straight on."""
+    if command == STEERING:
+        return (0.0, 0.0)
     return 0.0 if command == ACCELERATION else IDLE
 
 
@@ -115,7 +136,8 @@ def unpack_action(
         raise InvalidActionError(f"{agent}: {error}") from error
     if command is None:
         return tracks, None
-    return tracks, _maneuver(agent, action[command]) if command == MANEUVER else _acceleration(agent, action[command])
+    given = action[command]
+    return tracks, _maneuver(agent, given) if command == MANEUVER else checked_numbers(agent, command, given)
 
 
 def _maneuver(agent: str, given: Any) -> int:
@@ -126,17 +148,23 @@ def _maneuver(agent: str, given: Any) -> int:
     return int(given)
 
 
-def _acceleration(agent: str, given: Any) -> float:
+def checked_numbers(agent: str, command: str, given: Any) -> float | tuple[float, float]:
+    """Return an acceleration, m/s², or under "steering" an acceleration and an angle, rad, of an agent's action.
+
+    Raises:
+        InvalidActionError: it is another number of numbers, or one of them is not finite or beyond its bounds.
+    """
     try:
-        number = as_numbers(given, np.float64, ACCELERATION)
+        numbers = as_numbers(given, np.float64, command).ravel()
     except CoopsimError as error:
         raise InvalidActionError(f"{agent}: {error}") from error
-    # A bound in float32 may be a little more than the same bound here.
-    low, high = np.float32(-LARGEST_BRAKING_M_S2), np.float32(LARGEST_ACCELERATION_M_S2)
-    if not (number.size == 1 and low <= number.item() <= high):
-        accepted = f"one number in [{low:g}, {high:g}]"
-        raise InvalidActionError(f"{agent}: {ACCELERATION} must be {accepted}, got {given!r}")
-    return float(number.item())
+    low, high = _bounds(command)  # a bound in float32 may be a little more than the same bound here
+    if not (len(numbers) == len(low) and (low <= numbers).all() and (numbers <= high).all()):
+        ranges = [f"[{least:g}, {most:g}]" for least, most in zip(low, high, strict=True)]
+        accepted = f"one number in {ranges[0]}" if len(low) == 1 else f"m/s² in {ranges[0]} and rad in {ranges[1]}"
+        raise InvalidActionError(f"{agent}: {command} must be {accepted}, got {given!r}")
+    first, *second = numbers.tolist()
+    return (first, second[0]) if second else float(first)
 
 
 def unpack_actions(

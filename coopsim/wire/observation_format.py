@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from coopsim.comms.codecs.codec import CODECS
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
+from coopsim.support.arrays import as_numbers
 from coopsim.types import (
     AgentSpec,
     CameraImage,
@@ -49,6 +50,7 @@ class ObservationFormat:
         pose_covariances: some agent states the covariance of its pose.
         skips_frames: there are frames in which sensors and detector do not run.
         strangers: number of senders that are none of the agents, see `coopsim.types.messages.stranger`.
+        signals: agents hear messages about traffic lights.
     """
 
     agents: tuple[str, ...]
@@ -60,6 +62,7 @@ class ObservationFormat:
     pose_covariances: bool = False
     skips_frames: bool = False
     strangers: int = 0
+    signals: bool = False
 
     @classmethod
     def to_unpack(cls, specs: Mapping[str, AgentSpec]) -> ObservationFormat:
@@ -88,6 +91,10 @@ class ObservationFormat:
         }
         images: dict[str, Any] = {name: self._image_space(size) for name, size in self.cameras.get(agent, {}).items()}
         sensed: dict[str, Any] = {"sensed": spaces.Discrete(2)} if self.skips_frames else {}
+        payload = spaces.Sequence(spaces.Box(0, 255, (1,), np.uint8), stack=True)
+        signals: dict[str, Any] = {}
+        if self.signals:
+            signals = {"signals": rows_space(payload_bytes=spaces.Discrete(2**32)), "signals_payload": payload}
         return spaces.Dict(
             time_ns=spaces.Discrete(COUNTER),
             **pose,
@@ -98,7 +105,8 @@ class ObservationFormat:
             cameras=spaces.Dict(images),
             inbox=rows_space(**head, payload_bytes=spaces.Discrete(2**32)),
             # The payloads of all messages of the inbox, end to end: bytes do not stack, their lengths differ.
-            inbox_payload=spaces.Sequence(spaces.Box(0, 255, (1,), np.uint8), stack=True),
+            inbox_payload=payload,
+            **signals,
         )
 
     def pack(self, observation: Observation) -> dict[str, Any]:
@@ -132,6 +140,10 @@ class ObservationFormat:
             packed["pose_covariance"] = pack_covariances([observation.pose])[0]
         if self.skips_frames:
             packed["sensed"] = np.int64(observation.sensed)
+        if self.signals:
+            sizes = np.array([len(each) for each in observation.signals], dtype=np.int64)
+            payload = np.frombuffer(b"".join(observation.signals), dtype=np.uint8)
+            packed |= {"signals": {"payload_bytes": sizes}, "signals_payload": payload[:, None]}
         return packed
 
     def unpack(self, packed: Mapping[str, Any]) -> Observation:
@@ -164,6 +176,7 @@ class ObservationFormat:
             cameras={name: CameraImage(**image) for name, image in packed.get("cameras", {}).items()} if sensed else {},
             inbox=inboxes.read(packed),
             sensed=sensed,
+            signals=_unpack_signals(packed) if "signals" in packed else (),
         )
 
     def _image_space(self, size: tuple[int, int]) -> spaces.Dict:
@@ -201,6 +214,12 @@ class ObservationFormat:
 def pack_image(image: CameraImage, modes: Sequence[str]) -> dict[str, Any]:
     """Return an image's pixels in those of `modes` that it has, by mode."""
     return {mode: getattr(image, mode) for mode in modes if getattr(image, mode) is not None}
+
+
+def _unpack_signals(packed: Mapping[str, Any]) -> tuple[bytes, ...]:
+    payload = np.asarray(packed["signals_payload"], dtype=np.uint8).tobytes()
+    ends = np.cumsum(as_numbers(packed["signals"]["payload_bytes"], np.int64, "signals payload_bytes")).tolist()
+    return tuple(payload[start:end] for start, end in zip([0, *ends], ends, strict=False))
 
 
 def _pack_sweep(sweep: Sweep) -> NDArray[np.float32]:

@@ -12,6 +12,7 @@ from coopsim.support.checks import require_choice
 from coopsim.support.registry import Registry
 from coopsim.world.drawn_options import PlaceSeeds, TownOptions
 from coopsim.world.scenario import SCENARIOS, EpisodeScenarios, Place, SameScenario, make_scenario
+from coopsim.world.traffic.traffic import ENGINES
 
 TOWN = "town"
 """Name of the scenario of drawn towns."""
@@ -62,6 +63,16 @@ PLACE_FILES: Registry[Callable[[str], DrawnPlaces]] = Registry(
 )
 """Makers of drawers of places from the path of a file, by how its name ends, before ".gz" and in small letters."""
 
+LIVE_TRAFFIC: Registry[Callable[[object, float], DrawnPlaces]] = Registry(
+    "live traffic", home="coopsim.data.live.scenarios"
+)
+"""Makers of drawers of places in which another program drives, from a scenario and the time between frames, s."""
+
+
+def is_live(traffic: object) -> bool:
+    """Return whether another program drives, by the option `traffic`."""
+    return isinstance(traffic, str) and traffic not in ENGINES and traffic in LIVE_TRAFFIC
+
 
 def is_place_file(scenario: object) -> bool:
     """Return whether a scenario is the path of a file that places are drawn from, by its name."""
@@ -80,7 +91,12 @@ def find_drawer(scenario: object) -> DrawnPlaces | None:
 
 
 def choose_scenarios(
-    place: str | Place, *, density: float = 1.0, detail: str | None = None, **options: Any
+    place: str | Place,
+    *,
+    density: float = 1.0,
+    detail: str | None = None,
+    drawer: DrawnPlaces | None = None,
+    **options: Any,
 ) -> EpisodeScenarios:
     """Return the scenarios of an environment's episodes.
 
@@ -88,12 +104,13 @@ def choose_scenarios(
         place: name of a scenario, "town" among them, path of a file of places, or a custom place.
         density: factor on the numbers of vehicles and people, but not of agents.
         detail: one of `coopsim.world.scenario.DETAILS`; None: the usual one of the place.
+        drawer: drawer of its places; None: found by the place.
         **options: fields of `Population`, and those of `DrawnPlaces.kinds` for drawn places.
 
     Raises:
         CoopsimError: see `make_scenario` and `DrawnPlaces`.
     """
-    drawer = find_drawer(place)
+    drawer = find_drawer(place) if drawer is None else drawer
     if drawer is None:
         if not isinstance(place, Place):
             require_choice("scenario", place, scenario_names())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from numbers import Integral
 from typing import Any, Protocol
@@ -59,8 +59,14 @@ class Played(Protocol):
     @property
     def facts(self) -> Mapping[str, Any]: ...
 
-    def world(self, scenario: Scenario, seed: int) -> WorldSource:
-        """Return the world of an episode, in the layout of its scenario."""
+    def world(
+        self, scenario: Scenario, seed: int, *, control: str = "traffic", driven: Sequence[str] | None = None
+    ) -> WorldSource:
+        """Return the world of an episode, in the layout of its scenario; see `World` for `control` and `driven`.
+
+        Raises:
+            CoopsimError: cars cannot be driven so, or there is no car of a name.
+        """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -266,6 +272,9 @@ class EpisodeScenarios(ABC):
     @abstractmethod
     def of(self, seed: int) -> Scenario:
         """Return the scenario of the episode with this seed."""
+
+    def close(self) -> None:
+        """Release the scenarios' resources."""
 
 
 class SameScenario(EpisodeScenarios):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.arrays import frozen, sealed
 from coopsim.types import Ints
-from coopsim.types.driving import Command
+from coopsim.types.driving import CarState, Command
 from coopsim.world.models.model import Model
 
 
@@ -196,3 +196,23 @@ class WorldSource(Protocol):
 
     def agents(self) -> dict[str, AgentBody]:
         """Return the bodies of the agents, in order."""
+
+
+@runtime_checkable
+class DrivenWorld(WorldSource, Protocol):
+    """A world whose connected cars agents can drive.
+
+    Attributes:
+        conflict_ids: ids of the actors that a situation's script names as conflicting with the ego.
+    """
+
+    conflict_ids: tuple[int, ...]
+
+    def car_ahead(self, name: str) -> CarState:
+        """Return the motion of a driven car and the way ahead of it, as its driver knows them."""
+
+    def crashed(self) -> tuple[int, ...]:
+        """Return the ids of crashed vehicles, which stay where they are, as obstacles."""
+
+    def is_over_in(self, time_s: float) -> bool:
+        """Return whether a connected car's way, or what is played, will have ended after a time."""

@@ -23,8 +23,10 @@ from coopsim.world.places.signals import lights_of
 from coopsim.world.scenario import Scenario
 from coopsim.world.script import Script
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap, StaticPart
-from coopsim.world.traffic.fleet import Fleet
+from coopsim.world.traffic.fleet import STEERED, Fleet
 from coopsim.world.traffic.lights import red_ways
+from coopsim.world.traffic.navigation import ROUTE_M
+from coopsim.world.traffic.steered import DRY
 from coopsim.world.traffic.traffic import Traffic
 
 LONGEST_STEP_S = 0.1
@@ -48,10 +50,12 @@ class World:
     Args:
         scenario: place and population.
         seed: decides everything that happens.
-        control: driver of connected cars: "traffic", or the commands that are given to `step`: maneuvers ("policy") or
-            accelerations ("acceleration" or "planner").
+        control: driver of connected cars: "traffic", or the commands that are given to `step`: maneuvers ("policy"),
+            accelerations ("acceleration" or "planner"), or accelerations and steering angles ("steering").
         traffic: engine of the vehicles, one of `coopsim.world.traffic.traffic.ENGINES`.
         driven: names of the connected cars that `control` is about; None: all.
+        route_m: bounds of the distance along the lanes to the goal of a steered car.
+        grip: coefficient of friction of steered cars' tyres.
     """
 
     def __init__(
@@ -62,6 +66,8 @@ class World:
         control: str = "traffic",
         traffic: str = "arrays",
         driven: Sequence[str] | None = None,
+        route_m: tuple[float, float] = ROUTE_M,
+        grip: float = DRY,
     ) -> None:
         layout, population = scenario.layout, scenario.population
         self._seed, self._drawn_key = seed, b"none yet"
@@ -87,6 +93,8 @@ class World:
             engine=traffic,
             script=script,
             driven=None if driven is None else tuple(map(_number, driven)),
+            route_m=route_m,
+            grip=grip,
         )
         self._signals, self._nodes = layout.signals, 0 if layout.footways is None else len(layout.footways.nodes)
         self._red: Mask | None = None
@@ -115,8 +123,8 @@ class World:
     def step(self, dt_s: float, commands: Mapping[str, Command] | None = None) -> None:
         """Advance by `dt_s`, in equal parts short enough for drivers to react.
 
-        Commands are maneuvers, or accelerations in m/s², by agent's name, where agents drive. An acceleration holds for
-        the whole step, a maneuver is carried out in its first part.
+        Commands are maneuvers, accelerations in m/s², or these with steering angles in rad, by agent's name, where
+        agents drive. They hold for the whole step, but a maneuver is carried out in its first part.
         """
         obeyed = (commands or {}) if self._driven else {}
         by_number = {_number(name): command for name, command in obeyed.items()}
@@ -124,7 +132,7 @@ class World:
         parts = max(1, math.ceil(dt_s / LONGEST_STEP_S - 1e-9))
         for part in range(parts):
             everybody = join_bodies((*self._people, self._scripted))
-            held = {number: command for number, command in by_number.items() if isinstance(command, float)}
+            held = {number: command for number, command in by_number.items() if not isinstance(command, int)}
             self._traffic.step(dt_s / parts, held if part else by_number, everybody)
             self._show_lights()
             for people, has_lights in zip(self._people, self._walks, strict=True):
@@ -209,12 +217,24 @@ class World:
             float(rows[key][k]) for key in ("speed", "acceleration", "length", "width")
         )
         route, side = self._traffic.way_ahead(number), self.map.traffic_side
-        return CarState(speed, acceleration, length, width, bool(rows["crashed"][k]), route, side)
+        car = CarState(speed, acceleration, length, width, bool(rows["crashed"][k]), route, side)
+        if rows["driver"][k] != STEERED:
+            return car
+        wheel, wheelbase_m = float(rows["wheel"][k]), 2 * float(rows["axle_m"][k])
+        return replace(car, steering_rad=wheel, wheelbase_m=wheelbase_m, wrong_way=bool(rows["against"][k]))
+
+    def release(self, name: str) -> None:
+        """Hand a steered car to the traffic model, as one that has arrived."""
+        self._traffic.release(_number(name))
 
     def crashed(self) -> tuple[int, ...]:
         """Return the ids of crashed vehicles, which stay where they are, as obstacles."""
         rows = self.fleet.rows
         return tuple(rows["id"][rows["crashed"]].tolist())
+
+    def is_over_in(self, time_s: float) -> bool:
+        """Return False: traffic goes on."""
+        return False
 
 
 def _number(name: str) -> int:

@@ -1,4 +1,4 @@
-"""Driving by planners: each driven car's acceleration, from the tracks that were reported for it."""
+"""Driving by planners: each driven car's acceleration and steering, from the tracks that were reported for it."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ import numpy as np
 
 from coopsim.envs.frames import AgentFrame, Frame
 from coopsim.errors import InvalidValueError, PlannerError
-from coopsim.interfaces.planner import PlannedCar, Planner, PlannerOption, make_planner
+from coopsim.interfaces.planner import Plan, PlannedCar, Planner, PlannerOption, make_planner
 from coopsim.types import NS_PER_S, AgentSpec, Tracks
-from coopsim.types.driving import LARGEST_ACCELERATION_M_S2, LARGEST_BRAKING_M_S2
+from coopsim.types.driving import LARGEST_ACCELERATION_M_S2, LARGEST_BRAKING_M_S2, LARGEST_STEERING_RAD
 
 LONGEST_CALL_S = 5.0
 """Time after which a planner's answer is refused; a step is a tenth of a second, and planners take milliseconds."""
@@ -28,15 +28,15 @@ class PlannedDriving:
         self._specs = driven
         self._planners = {name: make_planner(planner) for name in driven}
 
-    def commands(self, frame: Frame, tracks: Mapping[str, Tracks]) -> dict[str, float]:
-        """Ask the planner of each driven car that has not crashed for an acceleration, m/s².
+    def commands(self, frame: Frame, tracks: Mapping[str, Tracks]) -> dict[str, Plan]:
+        """Ask the planner of each driven car that has not crashed for an acceleration, m/s², or with an angle, rad.
 
         Args:
             frame: the frame that is over.
             tracks: tracks that the agents reported for it, in their base frames.
 
         Raises:
-            PlannerError: a planner raised, took too long, or returned no finite number.
+            PlannerError: a planner raised, took too long, or returned no finite numbers.
         """
         return {
             name: self._ask(name, frame.time_ns, agent, tracks[name])
@@ -44,7 +44,7 @@ class PlannedDriving:
             if name in self._planners and agent.car is not None and not agent.car.crashed
         }
 
-    def _ask(self, name: str, time_ns: int, agent: AgentFrame, tracks: Tracks) -> float:
+    def _ask(self, name: str, time_ns: int, agent: AgentFrame, tracks: Tracks) -> Plan:
         state = agent.car
         assert state is not None
         car = PlannedCar(
@@ -59,6 +59,8 @@ class PlannedDriving:
             state.width_m,
             state.route,
             state.traffic_side,
+            state.steering_rad,
+            state.wheelbase_m,
         )
         planner, began = self._planners[name], time.monotonic()
         try:
@@ -71,12 +73,21 @@ class PlannedDriving:
         return _checked(planner, car, answer)
 
 
-def _checked(planner: Planner, car: PlannedCar, answer: Any) -> float:
-    number = isinstance(answer, (int, float, np.integer, np.floating)) and not isinstance(answer, bool)
-    with suppress(OverflowError):  # of an integer that is no float
-        if number and math.isfinite(answer):
-            return float(min(max(answer, -LARGEST_BRAKING_M_S2), LARGEST_ACCELERATION_M_S2))
-    raise _error(planner, car, f"returned {_shown(answer)}; accepted: a finite acceleration in m/s²")
+def _checked(planner: Planner, car: PlannedCar, answer: Any) -> Plan:
+    pair = answer if planner.steers and isinstance(answer, (tuple, list)) and len(answer) == 2 else (answer, 0.0)
+    if _is_finite(pair[0]) and _is_finite(pair[1]) and planner.steers == (pair is answer):
+        acceleration = float(min(max(pair[0], -LARGEST_BRAKING_M_S2), LARGEST_ACCELERATION_M_S2))
+        angle = float(min(max(pair[1], -LARGEST_STEERING_RAD), LARGEST_STEERING_RAD))
+        return (acceleration, angle) if planner.steers else acceleration
+    accepted = "a finite acceleration in m/s²" + " and a finite angle in rad" * planner.steers
+    raise _error(planner, car, f"returned {_shown(answer)}; accepted: {accepted}")
+
+
+def _is_finite(number: Any) -> bool:
+    if isinstance(number, (int, float, np.integer, np.floating)) and not isinstance(number, bool):
+        with suppress(OverflowError):  # of an integer that is no float
+            return math.isfinite(number)
+    return False
 
 
 def _shown(answer: Any) -> str:
@@ -90,8 +101,8 @@ def _error(planner: Planner, car: PlannedCar, what: str) -> PlannerError:
     return PlannerError(f"planner {type(planner).__name__} of {car.name} at {car.time_ns / NS_PER_S:.2f} s {what}")
 
 
-def require_planner(planner: PlannerOption) -> None:
-    """Make a planner once, so that a wrong option is refused before an episode begins.
+def require_planner(planner: PlannerOption) -> bool:
+    """Make a planner once, so that a wrong option is refused before an episode begins; return whether it steers.
 
     Raises:
         CoopsimError: the planner is unknown or is no planner.
@@ -99,3 +110,4 @@ def require_planner(planner: PlannerOption) -> None:
     made: object = make_planner(planner)
     if not isinstance(made, Planner):
         raise InvalidValueError(f"planner must make a coopsim.interfaces.planner.Planner, got {made!r}")
+    return made.steers

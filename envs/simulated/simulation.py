@@ -22,20 +22,21 @@ from coopsim.envs.simulated.lidar_sensing import (
 from coopsim.envs.simulated.perception import Perception, observation_format
 from coopsim.envs.simulated.planned_driving import PlannedDriving
 from coopsim.envs.simulated.simulation_options import SimulationOptions
+from coopsim.errors import InvalidValueError
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.scene import RayScene, SceneGeometry
 from coopsim.sensors.visibility import PixelVisibility, Visibility, measure_pixels
 from coopsim.support.arrays import look_up
-from coopsim.support.checks import require_choice
 from coopsim.types import AgentSpec, CameraImage, Ints, Sweep, Tracks, seconds_to_ns
-from coopsim.types.driving import ACCELERATION, MANEUVER, Command
+from coopsim.types.driving import ACCELERATION, MANEUVER, STEERING, Command, acceleration_of
+from coopsim.world.intersections import LitJunction, lit_junctions
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import PlayedWorld, RecordedWorld
 from coopsim.world.scenario import EpisodeScenarios, Scenario
-from coopsim.world.snapshot import Actors, AgentBody, WorldSource
+from coopsim.world.snapshot import Actors, AgentBody, DrivenWorld, WorldSource
 from coopsim.world.world import World
 
-_COMMANDS: dict[str, Any] = {"policy": MANEUVER, "acceleration": ACCELERATION}
+_COMMANDS: dict[str, Any] = {"policy": MANEUVER, "acceleration": ACCELERATION, "steering": STEERING}
 
 
 class Simulation(FrameSource):
@@ -53,6 +54,8 @@ class Simulation(FrameSource):
         self.name = name
         self._scenarios, self._options, self._recording = scenarios, options, recording
         self._scenario = scenarios.of(0)
+        if options.signal_messages and self._scenario.played is not None:
+            raise InvalidValueError("signal_messages needs lights with known programs, got a log's or SUMO's traffic")
         world = self._make_world(seed=0)
         bodies = world.agents()
         self._equipment = Equipment(options, bodies.values())
@@ -65,7 +68,10 @@ class Simulation(FrameSource):
         self.capacity = most if recording is None else recording.most_actors
         self.region_m = options.region_m
         skips_frames = options.sense_every > 1
-        self.format = observation_format(self.specs, options, options.camera_modes, skips_frames=skips_frames)
+        form = observation_format(self.specs, options, options.camera_modes, skips_frames=skips_frames)
+        self.format = replace(form, signals=options.signal_messages)
+        if options.signal_messages and not any(body.kind == "rsu" for body in bodies.values()):
+            raise InvalidValueError("signal_messages needs a roadside unit that sends them: accepted with rsus >= 1")
 
     def start(self, seed: int, options: Mapping[str, Any]) -> Frame:
         """Begin an episode; see `FrameSource.start`."""
@@ -77,8 +83,8 @@ class Simulation(FrameSource):
             world = RecordedWorld(world, self._options.record, self._scenario, seed, self._options.dt_s)
         self.specs, self._world, self.road_map = self._specify(world.agents()), made, made.map
         self._episode = SimulatedEpisode(self._options, self._equipment, world, self.specs, seed, self._scenario)
-        self._conflicts = made.conflict_ids if isinstance(made, World) else ()
-        if isinstance(made, World) and self._driven:
+        self._conflicts = made.conflict_ids if isinstance(made, DrivenWorld) else ()
+        if isinstance(made, DrivenWorld) and self._driven:
             self._episode.let_drive(made, self._driven)
         return self._episode.frame()
 
@@ -91,7 +97,12 @@ class Simulation(FrameSource):
     @property
     def driven(self) -> tuple[str, ...]:
         """Names of the cars that a planner or the action drives; see `FrameSource.driven`."""
-        return self._driven if self._options.traffic == "arrays" else ()
+        return self._driven if self._options.traffic != "highway-env" else ()
+
+    @property
+    def junctions(self) -> tuple[LitJunction, ...]:
+        """Junctions with lights; see `FrameSource.junctions`."""
+        return lit_junctions(self._scenario.layout) if self._options.signal_messages else ()
 
     @property
     def staged(self) -> bool:
@@ -113,15 +124,16 @@ class Simulation(FrameSource):
     def close(self) -> None:
         """Release the renderer's resources."""
         self._equipment.close()
+        self._scenarios.close()
 
     def _make_world(self, seed: int) -> WorldSource:
         if self._recording is not None:
             return PlayedWorld(self._recording, self._scenario)
-        control, traffic, driven = self._options.control, self._options.traffic, self._options.driven_agents
+        control, traffic, driven = self._options.world_control, self._options.traffic, self._options.driven_agents
         if self._scenario.played is not None:
-            require_choice("control of the cars in a log", control, ["traffic"])
-            return self._scenario.played.world(self._scenario, seed)
-        return World(self._scenario, seed, control=control, traffic=traffic, driven=driven)
+            return self._scenario.played.world(self._scenario, seed, control=control, driven=driven)
+        route_m, grip = self._options.route_m, self._options.chosen_grip
+        return World(self._scenario, seed, control=control, traffic=traffic, driven=driven, route_m=route_m, grip=grip)
 
     def _driven_among(self, bodies: Mapping[str, AgentBody]) -> tuple[str, ...]:
         """Return the names of the connected cars that the option `control` is about."""
@@ -160,20 +172,20 @@ class SimulatedEpisode:
         scenario: Scenario,
     ) -> None:
         self._options, self._equipment, self._world, self._specs = options, equipment, world, specs
-        self._over_s = scenario.over_s  # of a situation, or of what is played
+        self._scenario = scenario
         self._ends_when_over = scenario.played is not None
         self._geometry = SceneGeometry(world.models, world.static)
         self._lidars = self._lidar_sensing(specs, seed)
         self._perception = Perception(options, specs, seed)
         self._cycle = 0
         self._last_sensed: tuple[Ints, Ints]  # ids (N,) of all actors, returns (N, A) from each to each agent
-        self._cars: World | None = None
+        self._cars: DrivenWorld | None = None
         self._driven: tuple[str, ...] = ()
         self._planning: PlannedDriving | None = None
         self._commands: Mapping[str, Command] = {}
         self._frame: Frame
 
-    def let_drive(self, world: World, driven: tuple[str, ...]) -> None:
+    def let_drive(self, world: DrivenWorld, driven: tuple[str, ...]) -> None:
         """Let the action or a planner drive some connected cars of a world, by name."""
         self._cars, self._driven = world, driven
         if self._options.control == "planner":
@@ -224,19 +236,22 @@ class SimulatedEpisode:
 
     @property
     def _is_over(self) -> bool:
-        if self._over_s is None:
+        over_s = self._scenario.over_s  # of a situation, or of what is played, as far as it is known by now
+        if over_s is None:
             return False
+        if self._ends_when_over and self._cars is not None:
+            return self._cars.is_over_in(self._options.dt_s)
         if self._ends_when_over:  # no agent is there in the next frame
-            return (self._cycle + 1) * self._options.dt_s > self._over_s + 1e-6
-        return self._cycle * self._options.dt_s >= self._over_s - 1e-9
+            return (self._cycle + 1) * self._options.dt_s > over_s + 1e-6
+        return self._cycle * self._options.dt_s >= over_s - 1e-9
 
     def _driven_frames(self, frames: Mapping[str, AgentFrame]) -> dict[str, AgentFrame]:
         """Return the frames of driven cars with their states, which highway-env's own objects lack."""
-        if self._cars is None or self._options.traffic != "arrays":
+        if self._cars is None or self._options.traffic == "highway-env":
             return {}
         asked = {} if self._options.control == "policy" else self._commands
         return {
-            name: replace(frames[name], car=self._cars.car_ahead(name), command_m_s2=asked.get(name, math.nan))
+            name: replace(frames[name], car=self._cars.car_ahead(name), command_m_s2=_acceleration(asked.get(name)))
             for name in self._driven
         }
 
@@ -273,6 +288,11 @@ class SimulatedEpisode:
         returns = np.zeros((len(actors), sensed.shape[1]), np.int64)
         returns[known] = sensed[order[place[known]]]
         return returns
+
+
+def _acceleration(command: Command | None) -> float:
+    """Return the acceleration that was asked for, m/s²; NaN: none was."""
+    return math.nan if command is None else acceleration_of(command)
 
 
 class SceneProbe(FrameProbe):

@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from coopsim.comms.codecs.dsrc import require_dsrc
 from coopsim.config.load import has_parameters, load
 from coopsim.detection.presets import DEFAULT_DETECTOR
 from coopsim.envs.options import PerceptionOptions
@@ -33,13 +34,17 @@ from coopsim.support.checks import (
 )
 from coopsim.types.messages import AGENT_KINDS
 from coopsim.types.sensing import OBSERVED_MODES
+from coopsim.world.drawn_places import LIVE_TRAFFIC, is_live
 from coopsim.world.recording.episode_file import require_recording
 from coopsim.world.scenario import DETAILS
+from coopsim.world.traffic.navigation import ROUTE_M, checked_route
+from coopsim.world.traffic.steered import DRY, WET
+from coopsim.world.traffic.traffic import ENGINES
 
 OneLidar = str | BeamPattern | LidarConfig
 LidarOption = OneLidar | Mapping[str, OneLidar | Mapping[str, Any]] | Mapping[str, Any] | None
 
-CONTROLS = ("traffic", "policy", "acceleration", "planner")
+CONTROLS = ("traffic", "policy", "acceleration", "steering", "planner")
 """Drivers of connected cars."""
 
 LIDAR = "lidar"
@@ -190,16 +195,23 @@ class SimulationOptions(PerceptionOptions):
         detector: a `Detector` or `OracleDetector`, or the name of one ("none" never detects anything); None is
             `DEFAULT_DETECTOR`.
         embedder: an `Embedder`, or the name of one, that gives every detection an appearance; None: the detector's own.
-        traffic: "arrays" (fast), or "highway-env" (the same models, stepped by highway-env's own objects).
+        traffic: "arrays" (fast), "highway-env" (the same models, stepped by highway-env's own objects), or another
+            program, such as "sumo": one of `coopsim.world.drawn_places.LIVE_TRAFFIC`.
         control: driver of connected cars: "traffic" (the traffic model), "policy" (the action's `maneuver`),
-            "acceleration" (the action's `acceleration_m_s2`) or "planner" (the option `planner`, by reported tracks).
+            "acceleration" (the action's `acceleration_m_s2`), "steering" (the action's `steering`: an acceleration and
+            an angle of the front wheels) or "planner" (the option `planner`, by reported tracks).
         planner: a planner by name, also with parameters, such as "idm_aeb(headway_s=2)", or a class of them.
+        route_m: bounds of the distance along the lanes from a steered car's start to its goal.
+        grip: coefficient of friction of steered cars' tyres, in [0.05, 1.5]; None: `coopsim.world.traffic.steered.DRY`,
+            and towards `WET` by the weather's wetness. Hard-packed snow has 0.2, ice 0.1.
         driven_agents: names of the connected cars that `control` is about; the traffic model drives the others. None:
             all of them.
         ends_on_crash: the episode terminates when one of these cars crashes.
         ground_truth: the objects that count: "visible" (hit by some agent's LiDAR) or "all".
         region_x_m: objects within this distance ahead of and behind the agent count.
         region_y_m: objects within this distance to its left and right count.
+        signal_messages: roadside units broadcast the lights of junctions within 50 m of them (SPATEM and MAPEM, with
+            the extra `etsi`), and all agents hear them: see `coopsim.comms.HeardLights`.
         record: file for every frame's world; each `reset` begins it anew.
         playback: such a file, whose world replaces simulated traffic. The population, `dt_s` and (unless fewer are
             asked for) `max_cycles` are then the recording's.
@@ -222,19 +234,23 @@ class SimulationOptions(PerceptionOptions):
     renderer: Literal["auto", "opengl", "raycast", "pyrender"] = "auto"
     odometry_noise_m: float = LocalizationConfig().odometry_noise_m
     odometry_heading_noise_rad: float = LocalizationConfig().odometry_heading_noise_rad
-    traffic: Literal["arrays", "highway-env"] = "arrays"
-    control: Literal["traffic", "policy", "acceleration", "planner"] = "traffic"
+    traffic: str = "arrays"
+    control: Literal["traffic", "policy", "acceleration", "steering", "planner"] = "traffic"
     planner: PlannerOption = "idm_aeb"
+    route_m: tuple[float, float] = ROUTE_M
+    grip: float | None = None
     driven_agents: Sequence[str] | None = None
     ends_on_crash: bool = False
     ground_truth: Literal["visible", "all"] = "visible"
+    signal_messages: bool = False
     record: str | Path | None = None
     playback: str | Path | None = None
 
     def __post_init__(self) -> None:
         if self.detail is not None:
             require_choice("detail", self.detail, DETAILS)
-        require_choice("traffic", self.traffic, ("arrays", "highway-env"))
+        if not is_live(self.traffic):
+            require_choice("traffic", self.traffic, (*ENGINES, *LIVE_TRAFFIC))
         self._check_control()
         self.check_scored()
         require_choice("renderer", self.renderer, RENDERERS)
@@ -243,6 +259,10 @@ class SimulationOptions(PerceptionOptions):
         require_count(1, max_cycles=self.max_cycles, threads=self.threads, sense_every=self.sense_every)
         check_rig(self.cameras)
         require_modes(self.camera_modes)
+        require_flag(signal_messages=self.signal_messages)
+        if self.signal_messages:
+            require_choice("traffic with signal_messages, which tell the place's own programs", self.traffic, ENGINES)
+            require_dsrc()
         object.__setattr__(self, "weather", as_weather(self.weather))
         self._check_files()
         lidars = self.lidars
@@ -253,10 +273,13 @@ class SimulationOptions(PerceptionOptions):
     def _check_control(self) -> None:
         require_choice("control", self.control, CONTROLS)
         require_flag(ends_on_crash=self.ends_on_crash)
-        if self.traffic == "highway-env" and self.control in ("acceleration", "planner"):
+        if self.traffic == "highway-env" and self.control in ("acceleration", "steering", "planner"):
             raise InvalidValueError(f'control="{self.control}" needs traffic="arrays", got traffic="highway-env"')
         if self.control == "planner":
             require_planner(self.planner)
+        object.__setattr__(self, "route_m", checked_route(self.route_m))
+        if self.grip is not None:
+            require_between(0.05, 1.5, grip=self.grip)
         driven = self.driven_agents
         if driven is not None:
             listed = isinstance(driven, Sequence) and not isinstance(driven, str) and len(driven)
@@ -283,6 +306,18 @@ class SimulationOptions(PerceptionOptions):
                 f'control="{self.control}" cannot be played back: a recording\'s cars have driven already; '
                 'accepted: control="traffic"'
             )
+
+    @property
+    def world_control(self) -> str:
+        """The control of the world: a planner that steers commands as an action that does."""
+        return "steering" if self.control == "planner" and require_planner(self.planner) else self.control
+
+    @property
+    def chosen_grip(self) -> float:
+        """The coefficient of friction of tyres."""
+        if self.grip is not None:
+            return self.grip
+        return DRY if self.chosen_weather is None else DRY + (WET - DRY) * self.chosen_weather.wetness
 
     @property
     def lidars(self) -> dict[str, LidarConfig]:

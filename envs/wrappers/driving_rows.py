@@ -31,7 +31,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.interfaces.planner import PlannedCar
 from coopsim.support.checks import require_count, require_positive
 from coopsim.types import CLASS_NAMES, Tracks
-from coopsim.types.driving import ACCELERATION, LARGEST_BRAKING_M_S2, CarState, Route
+from coopsim.types.driving import ACCELERATION, LARGEST_BRAKING_M_S2, STEERING, CarState, Route
 
 CAR_COLUMNS = {
     "speed": FASTEST_M_S,
@@ -76,9 +76,10 @@ class DrivingRowsView(View):
         shown = [env.unwrapped.ego] if single else env.possible_agents
         tracked = within is not None and (not single or shown[0] in within.policies)
         specs = cooperative.agent_specs
-        if not (tracked and all(specs[name].command == ACCELERATION for name in shown)):
+        if not (tracked and all(specs[name].command in (ACCELERATION, STEERING) for name in shown)):
             how = "a tracker" if single else "be within Driving"
-            raise InvalidValueError(f'env must have cars that control="acceleration" drives, and {how}: got {env}')
+            drives = 'cars that control="acceleration" or "steering" drives'
+            raise InvalidValueError(f"env must have {drives}, and {how}: got {env}")
 
     def spaces(self) -> dict[str, spaces.Box]:
         shapes = {

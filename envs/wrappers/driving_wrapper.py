@@ -23,7 +23,8 @@ from coopsim.wire.actions import MESSAGE, command_space
 class Driving(TrackedByPolicy):
     """The parallel environment for learners that drive: an action is a command alone.
 
-    It is one of `MANEUVERS`, `Discrete(5)`, or under `control="acceleration"` in m/s², `Box(-8, 3, (1,))`.
+    It is one of `MANEUVERS`, `Discrete(5)`, or under `control="acceleration"` in m/s², `Box(-8, 3, (1,))`; under
+    `control="steering"` with an angle in rad, a `Box` (2,).
 
     A policy reports the tracks of all agents. Those that do not drive (roadside units, drones) are left to it, and are
     not among the agents of this environment. A single-agent environment has `tracker=` for the same.

@@ -2,8 +2,8 @@
 
 The action is one (N,) float32 array: `tracks` rows of 20 columns, end to end, and then, for a car that its action
 drives, a number for each of `MANEUVERS`, of which the largest is chosen, or one for the acceleration: from full braking
-at -1 over the same speed at 0 to full acceleration at 1. A row's number is its track's id: to say that an object is the
-same as before, report it in the same row.
+at -1 over the same speed at 0 to full acceleration at 1; where it steers another follows, for the angle of the wheels.
+A row's number is its track's id: to say that an object is the same as before, report it in the same row.
 
 | column | from -1 to 1 stands for |
 |---|---|
@@ -33,7 +33,14 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import as_numbers, require_finite
 from coopsim.support.checks import require_count, require_positive
 from coopsim.types import Tracks
-from coopsim.types.driving import ACCELERATION, LARGEST_ACCELERATION_M_S2, LARGEST_BRAKING_M_S2, MANEUVER
+from coopsim.types.driving import (
+    ACCELERATION,
+    LARGEST_ACCELERATION_M_S2,
+    LARGEST_BRAKING_M_S2,
+    LARGEST_STEERING_RAD,
+    MANEUVER,
+    STEERING,
+)
 from coopsim.types.messages import MANEUVERS
 from coopsim.types.taxonomy import CLASS_NAMES
 from coopsim.wire.actions import MESSAGE, pack_tracks
@@ -45,8 +52,8 @@ HIGHEST_M, FASTEST_M_S = 10.0, 40.0
 
 _CLASSES = TRACK_COLUMNS.index("score") + 1
 
-_LENGTHS = {None: 0, MANEUVER: len(MANEUVERS), ACCELERATION: 1}
-_NAMES = {len(MANEUVERS): "maneuver", 1: "acceleration"}
+_LENGTHS = {None: 0, MANEUVER: len(MANEUVERS), ACCELERATION: 1, STEERING: 2}
+_NAMES = {len(MANEUVERS): "maneuver", 1: "acceleration", 2: "acceleration and steering"}
 
 
 @dataclass(kw_only=True, eq=False)
@@ -88,7 +95,8 @@ class TrackRows(ActionForm):
             taken[MANEUVER] = int(np.argmax(rest))
         elif len(rest):
             most = LARGEST_ACCELERATION_M_S2 if rest[0] > 0 else LARGEST_BRAKING_M_S2
-            taken[ACCELERATION] = float(most * rest[0])
+            acceleration = float(most * rest[0])
+            taken |= {ACCELERATION: acceleration} if len(rest) == 1 else {STEERING: [acceleration, _angle(rest[1])]}
         return taken
 
     def _as_tracks(self, rows: Floats) -> Tracks:
@@ -119,6 +127,10 @@ class TrackRows(ActionForm):
         return clipped
 
 
+def _angle(share: float) -> float:
+    return float(LARGEST_STEERING_RAD * share)
+
+
 def _command(actions: spaces.Dict) -> str | None:
     """Return the name of the part of actions that drives; None: there is none."""
-    return next((name for name in (MANEUVER, ACCELERATION) if name in actions.spaces), None)
+    return next((name for name in (MANEUVER, ACCELERATION, STEERING) if name in actions.spaces), None)

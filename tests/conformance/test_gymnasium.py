@@ -27,7 +27,7 @@ TINY = SMALL | {"lidar_columns": 64, "max_cycles": 4}
 def test_gymnasium_knows_every_environment() -> None:
     assert coopsim.ENVIRONMENTS.names() == VERSIONED_NAMES
     known = {name for name, spec in gymnasium.registry.items() if spec.namespace == "coopsim"}
-    assert known == {f"coopsim/{name}" for name in VERSIONED_NAMES}
+    assert known == {f"coopsim/{name}" for name in VERSIONED_NAMES} | {"coopsim/drive-v1"}
 
 
 @UNBOUNDED

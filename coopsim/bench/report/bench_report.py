@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from coopsim.bench.grid.labels import label, values_of, varying_axes
+from coopsim.bench.report.answer import Answer, answer_of
 from coopsim.bench.report.bench_tables import condition_table, failures, leaderboard
 from coopsim.bench.report.crashes_page import crashes_section
 from coopsim.bench.report.film_data import DRAWING
@@ -25,11 +26,15 @@ from coopsim.support.files import write_whole
 
 @dataclass(frozen=True, slots=True, eq=False)
 class About:
-    """Texts of a report besides the results; `command` reproduces them, `settings` are configuration and versions by
-    name.
+    """Texts of a report besides the results.
+
+    Attributes:
+        title: its title; empty: the question that the benchmark asks.
+        command: the command that gives the same results again.
+        settings: configuration and versions by name.
     """
 
-    title: str = "coopsim bench"
+    title: str = ""
     command: str = ""
     settings: Mapping[str, str] = field(default_factory=dict)
 
@@ -68,14 +73,15 @@ def render_bench_report(
     Where cars were driven it has their crash rates. Sections of `played` films without a figure are left out; without a
     `scene` of runs to watch side by side, the sections "From above", "Reward over time" and "Cameras".
     """
-    shown, played = table.shown, played or Played()
+    shown, played, answer = table.shown, played or Played(), answer_of(table)
     return fill_page(
         "bench.html",
         style=("page.css", "bench.css"),
         script=("bev.js", "curves.js", "bench.js", *(["scene.js"] if scene else [])),
         data={**_data(table, played), **({"scene": scene.data()} if scene else {})},
-        title=about.title,
+        title=title_of_report(about.title, answer),
         summary=_summary(table),
+        answer=answer.html() if answer else "",
         leaderboards="".join(
             f'<div data-metric="{html.escape(name)}"{" hidden" * (name != shown[0])}>{leaderboard(table, name)}</div>'
             for name in shown
@@ -97,6 +103,11 @@ def render_bench_report(
         settings=definitions(about.settings),
         command=f"<pre>{html.escape(about.command)}</pre>" if about.command else "",
     )
+
+
+def title_of_report(title: str, answer: Answer | None) -> str:
+    """Return a report's title: the one that was asked for, else the question of the benchmark."""
+    return title or (answer.question if answer else "coopsim bench")
 
 
 def _summary(table: ResultTable) -> str:

@@ -18,8 +18,9 @@ from coopsim.bench.paper.provenance import Provenance
 from coopsim.bench.paper.tables import interval_csv, latex_tables
 from coopsim.bench.paper.trade_off_plot import trade_off
 from coopsim.bench.report import crash_figures, lie_figures, moment_figures
+from coopsim.bench.report.answer import answer_of
 from coopsim.bench.report.bench_plots import plots
-from coopsim.bench.report.bench_report import About, Played, write_bench_report
+from coopsim.bench.report.bench_report import About, Played, title_of_report, write_bench_report
 from coopsim.bench.report.film_section import FilmSection
 from coopsim.bench.report.keys import SCENE
 from coopsim.bench.results.result_table import ResultTable
@@ -42,7 +43,7 @@ def publish(
     results: Sequence[CellResult],
     provenance: Provenance | None = None,
     *,
-    title: str = "coopsim bench",
+    title: str = "",
     metrics: Sequence[str] = (),
     clips: int = 5,
     with_plots: bool = False,
@@ -59,7 +60,7 @@ def publish(
         folder: folder of the files, made if need be.
         results: results of every cell, failed ones included.
         provenance: provenance of the results' grid.
-        title: title of the report.
+        title: title of the report; empty: the question that the benchmark asks.
         metrics: metrics of `report.md`, whose leaderboard is by the first one, and of the files for papers.
         clips: largest number of clips of the worst moments, and of pairs with a lie.
         with_plots: write `plots/METRIC_AXIS.svg`, for every metric of the report and every axis that varies.
@@ -73,8 +74,12 @@ def publish(
     """
     require_count(0, clips=clips, pairs=pairs)
     table, folder, origin = ResultTable.of(results, metrics), Path(folder), provenance or Provenance()
-    about = _about(origin, title)
-    contents = {folder / "report.md": to_markdown(table, title, metrics), folder / "results.csv": to_csv(table)}
+    about, answer = _about(origin, title), answer_of(table)
+    heading, verdict = title_of_report(title, answer), answer.verdict if answer else ""
+    contents = {
+        folder / "report.md": to_markdown(table, heading, metrics, verdict),
+        folder / "results.csv": to_csv(table),
+    }
     contents |= {folder / name: text for name, text in paper_files(table, origin, metrics).items()}
     if with_plots:
         for metric in table.shown:

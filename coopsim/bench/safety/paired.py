@@ -15,7 +15,7 @@ from coopsim.bench.grid.labels import mildest, mildest_along, values_of
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import CONFIDENCE, Interval, bootstrap_difference, rate_difference
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.built_in import is_yes_no
+from coopsim.metrics.built_in import is_yes_no, less_is_better
 from coopsim.support.rng import stream
 
 _RESAMPLES = 2000
@@ -53,16 +53,37 @@ def change(table: ResultTable, policy: int, conditions: Sequence[int], metric: s
     A pair is a situation with a seed; conditions of one situation are averaged. Where the policy without messages was
     not run in a condition, its run in the mildest one stands for it: what messages suffer does not reach it.
     """
+    alone = _without_messages(table, conditions, metric)
+    if alone is None:
+        return None
+    before, after = (by_world(table, each, conditions) for each in (alone, table.values(metric)[policy]))
+    return compare_runs(table.policies[policy], before, after, metric)
+
+
+def mean_change(table: ResultTable, policy: int, conditions: Sequence[int], metric: str) -> Change | None:
+    """Compare means over conditions of a policy with those of the one that sends nothing; None without a pair.
+
+    A pair is a sample of the table: a seed, or a drawn place. As for `change`, the mildest condition may stand in.
+    """
+    alone = _without_messages(table, conditions, metric)
+    if alone is None:
+        return None
+    both = (alone, table.values(metric)[policy])
+    before, after = (table.samples.average(each[list(conditions)].mean(axis=0)) for each in both)
+    return compare_runs(table.policies[policy], before, after, metric)
+
+
+def _without_messages(table: ResultTable, conditions: Sequence[int], metric: str) -> Floats | None:
+    """Return the values (C, S) of the policy that sends nothing, as far as conditions need them; None without one."""
     base = policy_alone(table)
     if base is None or metric not in table.metrics:
         return None
-    values = table.values(metric)
-    alone = values[base].copy()
+    values = table.values(metric)[base]
+    alone: Floats = values.copy()
     for k in conditions:
         for mild in calm(table, table.conditions[k].scenario):
-            alone[k] = np.where(np.isnan(alone[k]), values[base, mild], alone[k])
-    before, after = by_world(table, alone, conditions), by_world(table, values[policy], conditions)
-    return compare_runs(table.policies[policy], before, after, metric)
+            alone[k] = np.where(np.isnan(alone[k]), values[mild], alone[k])
+    return alone
 
 
 def compare_runs(policy: str, before: Floats, after: Floats, metric: str) -> Change | None:
@@ -115,13 +136,18 @@ def gone_at(axis: Axis, steps: Sequence[tuple[str, Change]]) -> str:
 
     On an axis of names it is each of them; where the mildest value shows no gain, there is none to lose.
     """
-    lost = [text for text, found in steps if not found.change.high < 0]
+    lost = [text for text, found in steps if not is_gain(found, CRASH)]
     last_shown = max((k for k, (text, _) in enumerate(steps) if text not in lost), default=-1)
     if steps[0][0] in lost and (axis.named or last_shown < 0):
         return f"{steps[0][0]}: no gain shown"
     if axis.named:
         return ", ".join(lost) or "none of these"
     return steps[last_shown + 1][0] if last_shown + 1 < len(steps) else "not in these"
+
+
+def is_gain(found: Change, metric: str) -> bool:
+    """Return whether a change is for the better, with its whole interval."""
+    return found.change.high < 0 if less_is_better(metric) else found.change.low > 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from coopsim.bench.films.crash_pairs import CRASH, policy_alone
+from coopsim.bench.grid.axis import Axis
 from coopsim.bench.grid.labels import varying_axes
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import Interval, holm
@@ -36,7 +37,11 @@ def to_safety_markdown(table: ResultTable) -> str:
             "Episodes with a crash of the driven car, and 95 % intervals.",
         ),
         ("What messages change", markdown_table(CHANGE_HEADS, change_rows(table), texts=2), CHANGES_NOTE),
-        ("What they cost", _prices(table), "Mean per episode, sharing minus alone, with 95 % intervals."),
+        (
+            "What they cost",
+            markdown_table(price_heads(table), price_rows(table)),
+            "Mean per episode, sharing minus alone, with 95 % intervals.",
+        ),
         ("What lies cost", _lies(table), _LIES_NOTE),
         ("Driving", _driving(table), "Means over all situations where nothing disturbs, or as little as was run."),
         (
@@ -113,17 +118,23 @@ def _change_cells(found: Change) -> list[str]:
     return [str(found.pairs), *rates, str(found.less), str(found.more), difference_text(found.change, ".1f")]
 
 
-def _prices(table: ResultTable) -> str:
-    metrics = [name for name in _PRICES if name in table.metrics]
+def price_heads(table: ResultTable) -> list[str]:
+    """Return the headings of `price_rows`."""
+    return ["policy", *(name for name in _PRICES if name in table.metrics)]
+
+
+def price_rows(table: ResultTable) -> list[list[str]]:
+    """Return rows of text: what messages change besides crashes, by policy and metric."""
+    metrics = price_heads(table)[1:]
     rows = []
-    for k in _competitors(table):
+    for k in _competitors(table) if metrics else ():
         found = [change(table, k, calm(table), name) for name in metrics]
         cells = [
             "-" if each is None else difference_text(each.change, form_of(name))
             for each, name in zip(found, metrics, strict=True)
         ]
         rows.append([table.names[table.policies[k]], *cells])
-    return markdown_table(["policy", *metrics], rows) if metrics else ""
+    return rows
 
 
 def _lies(table: ResultTable) -> str:
@@ -154,7 +165,12 @@ def _bytes(table: ResultTable) -> str:
 
 
 def _gone(table: ResultTable) -> str:
-    parts = []
+    return "\n\n".join(f"### {axis.title}\n\n{markdown_table(heads, rows)}" for axis, heads, rows in gone_tables(table))
+
+
+def gone_tables(table: ResultTable) -> list[tuple[Axis, list[str], list[list[str]]]]:
+    """Return for each axis the headings and rows of text of differences along it, and where the gain ends."""
+    tables = []
     for axis in varying_axes(table.conditions):
         steps = along(table, axis)
         rows = []
@@ -167,8 +183,8 @@ def _gone(table: ResultTable) -> str:
             rows.append([table.policies[k], *cells, gone_at(axis, found)])
         if rows:
             heads = ["policy", *(text for text, _ in steps), "gone under" if axis.named else "gone at"]
-            parts.append(f"### {axis.title}\n\n" + markdown_table(heads, rows))
-    return "\n\n".join(parts)
+            tables.append((axis, heads, rows))
+    return tables
 
 
 def _predictors(table: ResultTable) -> str:

@@ -41,14 +41,14 @@ METRICS_SHOWN = (
 """The built-in metrics that fit on a page."""
 
 
-def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = ()) -> str:
-    """Format the leaderboard and a table per condition.
+def to_markdown(table: ResultTable, title: str, metrics: Sequence[str] = (), verdict: str = "") -> str:
+    """Format the leaderboard and a table per condition, below a title and a sentence with the answer, if there is one.
 
     The first of `metrics` ranks; by default they are those of `METRICS_SHOWN` and of registered metrics that the
     results have. Raises `UnknownNameError` for a metric that they lack.
     """
     chosen = tuple(metrics) or _usual(table)
-    parts = [f"# {escaped(title)}", leaderboard_text(table, metrics)]
+    parts = [f"# {escaped(title)}", *([escaped(verdict)] if verdict else []), leaderboard_text(table, metrics)]
     means = f"Mean over {len(table.conditions)} condition{'s' * (len(table.conditions) != 1)}"
     interval = f", ± half of its 95 % interval over {table.samples.text} ({interval_kinds(chosen)})"
     parts.append(means + (interval if table.samples.count > 1 else f" of {table.samples.text}") + ".")

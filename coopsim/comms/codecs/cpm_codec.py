@@ -1,8 +1,6 @@
 """ETSI's Collective Perception Message (TS 103 324) in its own encoding: the subset of `docs/reference/codecs.md`.
 
-Bits are asn1tools'; here are the conversions between arrays and ASN.1 values in the standard's units. Scenarios have no
-place on earth: the world frame is taken as east, north and up around latitude 0, longitude 0, where a degree of either
-has the same length. Episodes begin with ETSI's time, at 2004-01-01T00:00:00Z.
+Bits are asn1tools'; here are the conversions between arrays and ASN.1 values in the standard's units.
 """
 
 from __future__ import annotations
@@ -11,22 +9,19 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from importlib import resources
 from typing import Any
 
 import numpy as np
 
+from coopsim.comms.codecs.asn1 import DEGREE_M, PROTOCOL, compiled, decode_exactly
 from coopsim.comms.codecs.codec import CODECS, encode_prefix
 from coopsim.comms.codecs.detection_codec import SharesDetections
-from coopsim.errors import CodecError, MissingDependencyError
+from coopsim.errors import CodecError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
 from coopsim.support.arrays import frozen
 from coopsim.types import Detections, Mask, PoseEstimate
 from coopsim.types.taxonomy import CLASS_NAMES, ObjectClass
-
-DEGREE_M = 111_319.49
-"""A degree on the equator, in either direction: pi / 180 of WGS 84's larger radius."""
 
 _CLASSES: dict[ObjectClass, tuple[str, Any]] = {
     ObjectClass.CAR: ("vehicleSubClass", 5),  # passengerCar
@@ -152,39 +147,17 @@ def _speed(asn1: tuple[str, Any] | None) -> list[float]:
     return [np.nan, np.nan] if max(map(abs, speed)) > 16_381 else speed
 
 
-def decode_exactly(name: str, data: bytes) -> Any:
-    """Decode the bytes of one ASN.1 type; raise `CodecError` unless they are exactly one value of it.
-
-    The content is encoded again for comparison, because asn1tools does not report how many bytes it has read.
-    """
-    module = messages()
-    try:
-        content = module.decode(name, data)
-        encoded = module.encode(name, content)
-    except Exception as error:  # asn1tools' errors on invalid bytes have no common class
-        raise CodecError(f"{len(data)} bytes are no {name}: {error}") from error
-    if encoded != data:
-        raise CodecError(f"{len(data)} bytes are not what coopsim reads of a {name}")
-    return content
-
-
 @cache
 def messages() -> Any:
     """Return the compiled ASN.1 module; raise `MissingDependencyError` without asn1tools."""
-    try:
-        import asn1tools
-    except ImportError as error:
-        raise MissingDependencyError("the codec 'cpm' needs asn1tools: pip install 'coopsim[etsi]'") from error
-    text = resources.files(__package__).joinpath("cpm.asn").read_text(encoding="utf-8")
-    return asn1tools.compile_string(text, "uper")
+    return compiled("cpm.asn", "the codec 'cpm'")
 
 
 _LARGEST_M, _LARGEST_SIZE_M = 1310.0, 25.4
 _FARTHEST_M = np.array([180 * DEGREE_M, 90 * DEGREE_M, 8000.0])
 _NS_PER_MS = 1_000_000
 _LATEST_MS = 2**42 - 1
-_PROTOCOL, _CPM, _OBJECTS = 2, 14, 5
-_LONGEST = 2**15
+_CPM, _OBJECTS = 14, 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -254,7 +227,7 @@ class CpmCodec(SharesDetections[CollectivePerception]):
         container = {"numberOfPerceivedObjects": len(objects), "perceivedObjects": objects}
         data = messages().encode("PerceivedObjectContainer", container)
         message = {
-            "header": {"protocolVersion": _PROTOCOL, "messageId": _CPM, "stationId": content.station_id},
+            "header": {"protocolVersion": PROTOCOL, "messageId": _CPM, "stationId": content.station_id},
             "payload": {
                 "managementContainer": {
                     "referenceTime": round(content.captured_ns / _NS_PER_MS),
@@ -274,15 +247,13 @@ class CpmCodec(SharesDetections[CollectivePerception]):
         return encode_prefix(lambda count: self.encode(first(count)), len(content.objects), budget_bytes)
 
     def decode(self, payload: bytes) -> CollectivePerception:
-        if len(payload) > _LONGEST:
-            raise CodecError(f"a collective perception message has at most {_LONGEST} bytes, got {len(payload)}")
-        message = decode_exactly("CollectivePerceptionMessage", payload)
+        message = decode_exactly(messages(), "CollectivePerceptionMessage", payload)
         header, body = message["header"], message["payload"]
-        if (header["protocolVersion"], header["messageId"]) != (_PROTOCOL, _CPM):
+        if (header["protocolVersion"], header["messageId"]) != (PROTOCOL, _CPM):
             raise CodecError(f"a collective perception message has protocol 2 and id 14, got {header}")
         management = body["managementContainer"]
         data = [each["containerData"] for each in body["cpmContainers"] if each["containerId"] == _OBJECTS]
-        parts = [decode_exactly("PerceivedObjectContainer", part)["perceivedObjects"] for part in data]
+        parts = [decode_exactly(messages(), "PerceivedObjectContainer", part)["perceivedObjects"] for part in data]
         found = [each for part in parts for each in part]
         if len(found) > self.most_objects:
             raise CodecError(f"a collective perception message has at most 255 objects, got {len(found)}")

@@ -58,6 +58,7 @@ class Columns:
         left_out: numbers of rows that were not read, by why.
         step_s: time between rows, if the file says it.
         owner: name of the car that recorded.
+        names: names in their order, of which `id` then has the numbers; None: `id` has the names.
     """
 
     where: tuple[str, int] = ("row", 1)
@@ -73,6 +74,11 @@ class Columns:
     left_out: dict[str, int] = field(default_factory=dict)
     step_s: float | None = None
     owner: str | None = None
+    names: NDArray[Any] | None = None
+
+    def name(self, row: int) -> str:
+        """Return the name of a row's road user."""
+        return str(self.id[row] if self.names is None else self.names[self.id[row]])
 
 
 def make_log(source: str, form: str, columns: Columns) -> TrackLog:
@@ -104,7 +110,7 @@ def make_log(source: str, form: str, columns: Columns) -> TrackLog:
     left_out = dict(columns.left_out)
     if unread := len(columns.label) - len(kept) - sum(left_out.values()):
         left_out["rows of what is no road user"] = unread
-    ids = tuple(str(name) for name in names)
+    ids = tuple(str(name) for name in (names if columns.names is None else columns.names[names]))
     z_m = np.zeros(len(row)) if columns.z_m is None else columns.z_m[row]
     return TrackLog(
         source=source,
@@ -134,7 +140,7 @@ class _Rows:
     def error(self, row: int, wrong: str) -> LogFileError:
         """Return an error about a row."""
         word, first = self.columns.where
-        return LogFileError(f"{self.source}: {word} {row + first} (id {self.columns.id[row]}): {wrong}")
+        return LogFileError(f"{self.source}: {word} {row + first} (id {self.columns.name(row)}): {wrong}")
 
     def check_numbers(self) -> None:
         """Raise an error at the first number that is not finite or out of range."""
@@ -220,7 +226,7 @@ def _headings(columns: Columns, row: Ints, track: Ints, xy: Floats, filled: list
         at = np.flatnonzero(open_)
         way = xy[reach[at]] - xy[at]
         far = exact.norm(way) >= _STILL_M
-        heading[at[far]], known[at[far]] = np.arctan2(way[far, 1], way[far, 0]), True
+        heading[at[far]], known[at[far]] = exact.arctan2(way[far, 1], way[far, 0]), True
         open_[at[far]] = False
     along = np.asarray(exact.settled(_carried(heading, known, track)))
     return along if given is None else np.where(np.isfinite(given), wrap_angle(given), along)

@@ -36,8 +36,8 @@ def between(before: States, after: States, span_s: Floats, share: Floats) -> Sta
     """
     chord = after.place[:, :2] - before.place[:, :2]
     length = exact.norm(chord)
-    way = np.arctan2(chord[:, 1], chord[:, 0])
-    backwards = np.cos(before.heading - way) < 0
+    way = exact.arctan2(chord[:, 1], chord[:, 0])
+    backwards = exact.cos(before.heading - way) < 0
     turned = np.where(backwards, np.pi, 0.0)
     start, end = (wrap_angle(each.heading + turned - way) for each in (before, after))
     rolls = (length >= _LEAST_M) & (np.abs(start) <= _WIDEST_RAD) & (np.abs(end) <= _WIDEST_RAD)
@@ -46,7 +46,7 @@ def between(before: States, after: States, span_s: Floats, share: Floats) -> Sta
     arc = length / _integral(start, end, bend, np.ones_like(share))[0]
     gone = _gone(before, after, arc, span_s, share)
     along, across = (arc * part for part in _integral(start, end, bend, gone))
-    cos, sin = np.cos(way), np.sin(way)
+    cos, sin = exact.cos(way), exact.sin(way)
     place = np.empty_like(before.place)
     place[:, 0] = before.place[:, 0] + cos * along - sin * across
     place[:, 1] = before.place[:, 1] + sin * along + cos * across
@@ -65,7 +65,7 @@ def _angle(start: Floats, end: Floats, bend: Floats, gone: Floats) -> Floats:
 def _integral(start: Floats, end: Floats, bend: Floats, gone: Floats) -> tuple[Floats, Floats]:
     """Return how far (M,) along and across its chord a clothoid of length 1 leads within shares of its length."""
     angle = _angle(start[:, None], end[:, None], bend[:, None], gone[:, None] * _SHARES)
-    return gone * (_PARTS * np.cos(angle)).sum(axis=1), gone * (_PARTS * np.sin(angle)).sum(axis=1)
+    return gone * (_PARTS * exact.cos(angle)).sum(axis=1), gone * (_PARTS * exact.sin(angle)).sum(axis=1)
 
 
 def _fitted(start: Floats, end: Floats) -> Floats:
@@ -73,8 +73,8 @@ def _fitted(start: Floats, end: Floats) -> Floats:
     bend = 3.0 * (start + end)
     for _ in range(_STEPS):
         angle = _angle(start[:, None], end[:, None], bend[:, None], _SHARES)
-        missed = (_PARTS * np.sin(angle)).sum(axis=1)
-        slope = (_PARTS * np.cos(angle) * _SHARES * (_SHARES - 1.0)).sum(axis=1)
+        missed = (_PARTS * exact.sin(angle)).sum(axis=1)
+        slope = (_PARTS * exact.cos(angle) * _SHARES * (_SHARES - 1.0)).sum(axis=1)
         bend = bend - missed / slope
     return bend
 

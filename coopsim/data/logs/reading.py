@@ -13,6 +13,7 @@ from coopsim.data.logs.plain_table import NEEDED, plain_columns
 from coopsim.data.logs.recorded import recorded_columns
 from coopsim.data.logs.scenario_net import scenario_columns
 from coopsim.data.logs.tables import Table
+from coopsim.data.logs.text_labels import is_text_folder, text_columns
 from coopsim.data.logs.track_log import TrackLog
 from coopsim.errors import LogFileError
 
@@ -45,6 +46,9 @@ def read_log(path: str | Path, part: str | None = None) -> TrackLog:
         RecordingError: a folder has no known format, or a file in it is missing or broken.
     """
     file = Path(path)
+    if file.is_dir() and is_text_folder(file):
+        name, columns = text_columns(file, part)
+        return make_log(str(file), f"labels in text, sequence {name}", columns)
     if file.is_dir():
         name, columns = recorded_columns(file, part)
         return make_log(str(file), f"recordings, sequence {name}", columns)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from coopsim.data.logs.interpolation import States, between
 from coopsim.geometry.se3 import Floats
-from coopsim.types import Ints
+from coopsim.types import Ints, Mask
 
 GAP_STEPS = 1.5
 """A pause between two rows of a track, in steps of the log, above which it is a gap: the road user was not seen."""
@@ -41,6 +41,17 @@ class Moment:
 
     def __len__(self) -> int:
         return len(self.track)
+
+    def __getitem__(self, rows: Mask) -> Moment:
+        return Moment(self.track[rows], self.place[rows], self.heading[rows], self.velocity[rows])
+
+    def joined(self, other: Moment) -> Moment:
+        """Return the road users of both, none of which is in both."""
+        track = np.concatenate([self.track, other.track])
+        order = np.argsort(track, kind="stable")
+        place, heading = np.concatenate([self.place, other.place]), np.concatenate([self.heading, other.heading])
+        velocity = np.concatenate([self.velocity, other.velocity])
+        return Moment(track[order], place[order], heading[order], velocity[order])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -169,3 +180,10 @@ class TrackLog:
 
     def _states(self, row: Ints) -> States:
         return States(self.place[row], self.heading[row], self.velocity[row])
+
+
+def most_at_once(first_s: Floats, last_s: Floats) -> int:
+    """Return how many spans of time (K,) overlap at most."""
+    begun = np.searchsorted(np.sort(first_s), np.sort(first_s), side="right")
+    gone = np.searchsorted(np.sort(last_s), np.sort(first_s), side="left")
+    return int((begun - gone).max(initial=0))

@@ -149,10 +149,23 @@ def read_starts(path: Path) -> Iterator[Start]:
     yield from _parsed(path, _Starts(str(path)))
 
 
+def starts_of(file: str, *parts: bytes) -> list[Start]:
+    """Return tag and attributes of every element of a text that is given in parts.
+
+    Raises:
+        MapFileError: the parts are together no XML, or have entities; names the `file`.
+    """
+    parser = _Starts(file)
+    for part in parts:
+        parser.feed(part)
+    parser.feed(b"", last=True)
+    return parser.take()
+
+
 def _parsed(path: Path, builder: _Parser[_Made]) -> Iterator[_Made]:
     """Yield what a parser makes of a file, part by part."""
     try:
-        with _opened(path) as file:
+        with opened(path) as file:
             while chunk := file.read(_CHUNK_BYTES):
                 builder.feed(chunk)
                 yield from builder.take()
@@ -166,7 +179,8 @@ def _parsed(path: Path, builder: _Parser[_Made]) -> Iterator[_Made]:
     yield from builder.take()
 
 
-def _opened(path: Path) -> gzip.GzipFile | BufferedReader:
+def opened(path: Path) -> gzip.GzipFile | BufferedReader:
+    """Return a file that is open for reading, plain or in gzip by its first bytes."""
     with open(path, "rb") as file:
         packed = file.read(2) == b"\x1f\x8b"
     return gzip.open(path) if packed else open(path, "rb")

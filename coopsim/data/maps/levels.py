@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from coopsim.data.maps.street_map import DRIVEN, StreetMap
+from coopsim.geometry.outlines import crossing_of
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
@@ -61,15 +62,9 @@ def _crossings(points: Floats, first: Ints, found: Floats) -> int:
 def _first_crossing(a: Floats, b: Floats) -> tuple[float, float]:
     """Return where line a (N, 3) first crosses line b (M, 3) far above or below it; NaN if nowhere."""
     for i in range(len(a) - 1):
-        rx, ry, rz = a[i + 1, 0] - a[i, 0], a[i + 1, 1] - a[i, 1], a[i + 1, 2] - a[i, 2]
         for k in range(len(b) - 1):
-            sx, sy, sz = b[k + 1, 0] - b[k, 0], b[k + 1, 1] - b[k, 1], b[k + 1, 2] - b[k, 2]
-            area = rx * sy - ry * sx
-            if area == 0.0:
-                continue
-            dx, dy = b[k, 0] - a[i, 0], b[k, 1] - a[i, 1]
-            along_a, along_b = (dx * sy - dy * sx) / area, (dx * ry - dy * rx) / area
-            apart_m = abs(a[i, 2] + along_a * rz - b[k, 2] - along_b * sz)
-            if 0 <= along_a <= 1 and 0 <= along_b <= 1 and apart_m > LEVEL_M:
-                return a[i, 0] + along_a * rx, a[i, 1] + along_a * ry
+            along_a, along_b = crossing_of(a, i, b, k)
+            height_m = a[i, 2] + along_a * (a[i + 1, 2] - a[i, 2])
+            if abs(height_m - b[k, 2] - along_b * (b[k + 1, 2] - b[k, 2])) > LEVEL_M:  # never where they do not meet
+                return a[i, 0] + along_a * (a[i + 1, 0] - a[i, 0]), a[i, 1] + along_a * (a[i + 1, 1] - a[i, 1])
     return np.nan, np.nan

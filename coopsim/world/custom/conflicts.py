@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from coopsim.geometry.outlines import lines_cross
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints, Mask
@@ -87,20 +88,3 @@ def _lie_near(a: Floats, b: Floats) -> bool:
 def _touch(a: Floats, b: Floats) -> bool:
     """Return whether two upright rectangles (4,) - low x, low y, high x, high y - meet."""
     return bool(a[0] <= b[2] and b[0] <= a[2] and a[1] <= b[3] and b[1] <= a[3])
-
-
-@njit(cache=True, nogil=True)
-def lines_cross(a: Floats, b: Floats) -> bool:
-    """Return whether two polylines (N, 2) and (M, 2) meet; parallel pieces do not cross."""
-    for i in range(len(a) - 1):
-        rx, ry = a[i + 1, 0] - a[i, 0], a[i + 1, 1] - a[i, 1]
-        for k in range(len(b) - 1):
-            sx, sy = b[k + 1, 0] - b[k, 0], b[k + 1, 1] - b[k, 1]
-            area = rx * sy - ry * sx
-            if area == 0.0:
-                continue
-            dx, dy = b[k, 0] - a[i, 0], b[k, 1] - a[i, 1]
-            along_a, along_b = (dx * sy - dy * sx) / area, (dx * ry - dy * rx) / area
-            if 0 <= along_a <= 1 and 0 <= along_b <= 1:
-                return True
-    return False

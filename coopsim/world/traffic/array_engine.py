@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
-from coopsim.types.driving import JERK_M_S3, Command, Route
+from coopsim.types.driving import Command, Route, approached
 from coopsim.types.messages import MANEUVERS
 from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.road_network import Road
 from coopsim.world.places.signals import Signal
 from coopsim.world.traffic.asked import stop_line_m
 from coopsim.world.traffic.drivers import ACC_MAX, change_lane, drive, follow, is_reachable, nearest_on_route, stop_at
-from coopsim.world.traffic.fleet import CHAUFFEURED, PARKED, PEDALLED, TOWN, UNYIELDING, Fleet, bodies_of
+from coopsim.world.traffic.fleet import CHAUFFEURED, PARKED, PEDALLED, STEERED, TOWN, UNYIELDING, Fleet, bodies_of
 from coopsim.world.traffic.lanes import LaneArrays, NumberedNetwork
 from coopsim.world.traffic.lights import Lights
 from coopsim.world.traffic.motion import SPEED_GAIN_1_S, collide, move, steer
@@ -26,6 +26,7 @@ from coopsim.world.traffic.movements import Movements, movements_of
 from coopsim.world.traffic.neighbours import Scene, list_along_lanes
 from coopsim.world.traffic.right_of_way import grant
 from coopsim.world.traffic.routes import end_of_route, follow_road, plan_ahead
+from coopsim.world.traffic.steered import actuate
 from coopsim.world.traffic.way_ahead import way_ahead
 
 _LANE_LEFT, _LANE_RIGHT, _FASTER, _SLOWER = (
@@ -71,13 +72,15 @@ class ArrayEngine:
             fleet: changed in place.
             people: (M,) `BODY`, obstacles for vehicles.
             dt_s: time step.
-            commands: commands by row: an index into `MANEUVERS` for `CHAUFFEURED` vehicles, m/s² for `PEDALLED` ones.
+            commands: commands by row: an index into `MANEUVERS` for `CHAUFFEURED` vehicles, m/s² for `PEDALLED` ones,
+                m/s² and rad for `STEERED` ones.
         """
         for row, command in commands.items():
-            if isinstance(command, float):
-                change_m_s2 = JERK_M_S3 * dt_s
+            if isinstance(command, tuple):
+                actuate(fleet.rows[row], *command, dt_s)
+            elif isinstance(command, float):
                 before = float(fleet.rows["acceleration"][row])
-                fleet.rows["acceleration"][row] = before + min(max(command - before, -change_m_s2), change_m_s2)
+                fleet.rows["acceleration"][row] = approached(before, command, dt_s)
             else:
                 _obey(self._network, fleet.rows, fleet.routes, row, command, self._speeds)
         self.lights.step(dt_s)
@@ -133,7 +136,7 @@ def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[
         elif vehicle.driver == PEDALLED:
             plan_ahead(network, vehicle, route)
             follow_road(network, vehicle, route)
-        elif vehicle.crashed or vehicle.driver == PARKED:
+        elif vehicle.crashed or vehicle.driver in (PARKED, STEERED):
             continue
         elif vehicle.driver in (TOWN, UNYIELDING):
             vehicle.acceleration = min(max(_drive_in_town(scene, me, movements), -ACC_MAX), ACC_MAX)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from coopsim.support.kernels import njit
 from coopsim.world.places.polyline import polyline_speed
 from coopsim.world.traffic import rules
-from coopsim.world.traffic.fleet import PEDALLED, TOWN, UNYIELDING, Body, Vehicle
+from coopsim.world.traffic.fleet import PEDALLED, STEERED, TOWN, UNYIELDING, Body, Vehicle
 from coopsim.world.traffic.lane_geometry import distance_to_box, heading_at, local_coordinates, radius_at
 from coopsim.world.traffic.lanes import CIRCULAR, POLYLINE, LaneArrays, LaneRow
 from coopsim.world.traffic.neighbours import LaneLists, Scene, behind, first_from, in_front
@@ -213,7 +213,7 @@ def nearest_on_route(scene: Scene, me: int) -> tuple[int, float]:
             if other == me or distance_m <= 0:
                 continue
             drives = other < vehicles
-            strange = drives and vehicle.driver == TOWN and scene.rows[other].driver == PEDALLED
+            strange = drives and vehicle.driver == TOWN and scene.rows[other].driver in (PEDALLED, STEERED)
             angle = scene.bodies[other].heading - heading_at(lane, network.corners, along)
             radius_m = radius_at(lane, network.corners, along)
             if _is_in_way(vehicle, scene.bodies[other], drives, strange, angle, radius_m, lists.aside[entry]):

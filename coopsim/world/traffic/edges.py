@@ -11,6 +11,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.types import Mask
 from coopsim.world.places.layout import Layout, StartSlot
+from coopsim.world.places.road_network import LaneIndex
 from coopsim.world.traffic.fleet import PARKED, Fleet
 from coopsim.world.traffic.lanes import NumberedNetwork
 from coopsim.world.traffic.rules import VEHICLE_LENGTH_M
@@ -21,7 +22,8 @@ SIGHT_M = 150.0
 _ENTRY_M = 4.0  # from a lane's start to where the middle of a vehicle appears
 _ROOM_M, _BEHIND_M = 16.0, 8.0  # free lane that it needs ahead of its middle, and behind
 _BESIDE_M = 2.5  # from the lane's middle to vehicles that are in it
-_FAR_M = 80.0  # vehicles farther off do not matter
+_LEAST_M = 18.0  # length of lanes on which vehicles appear, where there are such
+_FAR_M = 200.0  # vehicles farther off do not matter
 _GAP_M, _BRAKING_M_S2 = 10.0, 3.0  # kept from a vehicle ahead after braking
 
 
@@ -37,7 +39,8 @@ class Edges:
     def __init__(self, layout: Layout, network: NumberedNetwork, seed: int) -> None:
         graph = layout.network.graph
         reached = {end for ends in graph.values() for end in ends}
-        self._entries = [index for index in network.lane_index if index[0] not in reached]
+        entries = [index for index in network.lane_index if index[0] not in reached]
+        self._entries = [index for index in entries if _has_room(layout, index)] or entries
         self._traffic = np.array([layout.network.traffic_per_h.get(index[:2], 0.0) for index in self._entries])
         self._lanes = [layout.network.get_lane(index) for index in self._entries]
         ends = [k for k, index in enumerate(network.lane_index) if not graph.get(index[1])]
@@ -105,6 +108,11 @@ class Edges:
         for e, a in np.argwhere(near).tolist():
             seen[e] = seen[e] or not _is_crossed(seen_from[a], places[e], self._walls)
         return seen
+
+
+def _has_room(layout: Layout, entry: LaneIndex) -> bool:
+    """Return whether vehicles that appear on a lane can wait before the first junction."""
+    return entry[:2] not in layout.movements and layout.network.get_lane(entry).length >= _LEAST_M
 
 
 def _is_crossed(start: Floats, end: Floats, walls: Floats) -> bool:

@@ -12,16 +12,17 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import dtype_of
 from coopsim.types import Ints
 
-HIGHWAY, TOWN, CHAUFFEURED, PARKED, PEDALLED, UNYIELDING = range(6)
+HIGHWAY, TOWN, CHAUFFEURED, PARKED, PEDALLED, UNYIELDING, STEERED = range(7)
 """Drivers: with lane changes by MOBIL; along a route, with a look ahead and junctions; an agent's maneuvers; none; an
-agent's accelerations along a route; as in town, but without notice of right of way, stop lines and limits."""
+agent's accelerations along a route; as in town, but without notice of right of way, stop lines and limits; an agent's
+accelerations and steering, wherever they lead."""
 
 
 class Vehicle(Protocol):
     """A row of a fleet."""
 
     id: int  # of the actor
-    driver: int  # `HIGHWAY`, `TOWN`, `CHAUFFEURED`, `PARKED`, `PEDALLED` or `UNYIELDING`
+    driver: int  # `HIGHWAY`, `TOWN`, `CHAUFFEURED`, `PARKED`, `PEDALLED`, `UNYIELDING` or `STEERED`
     model: int  # index into the world's models
     x: float  # of the body's center, m
     y: float  # of the body's center, m
@@ -50,6 +51,10 @@ class Vehicle(Protocol):
     movement: int  # over the junction, that it asks for; -1: none
     ticket: int  # see `coopsim.world.traffic.right_of_way`
     left: int  # 1 + the curved movement that its tail has not left yet; 0: none
+    wheel: float  # angle of a steered car's front wheels, rad; `steering` is less where they slide
+    grip: float  # coefficient of friction of a steered car's tyres
+    astray: bool  # a steered car is on no lane, or against it, and asks for no movement
+    against: bool  # a steered car is on lanes, which all lead the other way
 
 
 class Body(Protocol):
@@ -64,6 +69,7 @@ class Body(Protocol):
     dir_x: float  # of the heading
     dir_y: float  # of the heading
     crashed: bool  # is a wreck
+    steered: bool  # goes wherever an agent steers it
 
 
 VEHICLE, BODY = dtype_of(Vehicle), dtype_of(Body)
@@ -107,5 +113,6 @@ def bodies_of(rows: NDArray[Any], people: NDArray[Any]) -> NDArray[Any]:
     bodies[len(rows) :] = people
     for name in ("x", "y", "heading", "speed", "length", "width", "crashed"):
         bodies[name][: len(rows)] = rows[name]
+    bodies["steered"][: len(rows)] = rows["driver"] == STEERED
     bodies["dir_x"], bodies["dir_y"] = np.cos(bodies["heading"]), np.sin(bodies["heading"])
     return bodies

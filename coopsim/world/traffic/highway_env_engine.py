@@ -297,7 +297,8 @@ class ReferenceEngine:
         self._read(fleet, people)
         vehicles: list[SizedVehicle] = self._road.vehicles
         for row, command in commands.items():
-            vehicles[row].act(MANEUVERS[int(command)].upper())
+            assert isinstance(command, int), "maneuvers alone are supported"
+            vehicles[row].act(MANEUVERS[command].upper())
         if self._over_junctions:
             self._grant(fleet)
         self._road.act()

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from coopsim.types import Mask
+from coopsim.types import Mask, driving
 from coopsim.world.places.road_network import Road
 from coopsim.world.places.signals import GIVE_WAY, PRIORITY, RED, YELLOW, Signal, states
 from coopsim.world.traffic.movements import FIRST, USUAL, YIELDS, Movements
@@ -58,7 +58,11 @@ class Lights:
         # Who must give way at green, and to whom no place says, does so to all conflicting ones with priority.
         usual = np.isfinite(always.clear_m) & first
         yields = np.where((late & ~self._given)[:, None], usual, always.yields) & ~first[:, None] & ~closed
-        return always._replace(role=role, yields=yields, closed=closed, clears=always.clears | (letter != "-"))
+        light = np.select(
+            [letter == YELLOW, letter == RED, letter != "-"], [driving.YELLOW, driving.RED, driving.GREEN]
+        )
+        clears = always.clears | (letter != "-")
+        return always._replace(role=role, yields=yields, closed=closed, clears=clears, light=light)
 
 
 def red_ways(signals: Sequence[Signal], states: Sequence[str], nodes: int) -> Mask:

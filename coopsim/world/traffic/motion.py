@@ -20,9 +20,10 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.traffic import rules
-from coopsim.world.traffic.fleet import CHAUFFEURED, Body, Vehicle
+from coopsim.world.traffic.fleet import CHAUFFEURED, STEERED, Body, Vehicle
 from coopsim.world.traffic.lane_geometry import closest_lane, heading_at, local_coordinates
 from coopsim.world.traffic.lanes import LaneArrays, LaneRow
+from coopsim.world.traffic.steered import roll
 
 HEADING_GAIN_1_S = 5.0
 SPEED_GAIN_1_S = 1 / 0.6
@@ -64,14 +65,19 @@ def move(network: LaneArrays, rows: NDArray[Any], dt_s: float) -> None:
         vehicle: Vehicle = rows[k]
         _limit(vehicle, dt_s)
         slip = math.atan(math.tan(vehicle.steering) / 2)
-        vehicle.x += vehicle.speed * math.cos(vehicle.heading + slip) * dt_s
-        vehicle.y += vehicle.speed * math.sin(vehicle.heading + slip) * dt_s
+        rolls = vehicle.driver == STEERED and not vehicle.crashed
+        if rolls:
+            roll(vehicle, dt_s)
+        else:
+            vehicle.x += vehicle.speed * math.cos(vehicle.heading + slip) * dt_s
+            vehicle.y += vehicle.speed * math.sin(vehicle.heading + slip) * dt_s
         if vehicle.pushed:
             vehicle.x += vehicle.push_x
             vehicle.y += vehicle.push_y
             vehicle.crashed, vehicle.pushed = True, False
-        vehicle.heading += vehicle.speed * math.sin(slip) / vehicle.axle_m * dt_s
-        vehicle.speed += vehicle.acceleration * dt_s
+        if not rolls:
+            vehicle.heading += vehicle.speed * math.sin(slip) / vehicle.axle_m * dt_s
+            vehicle.speed += vehicle.acceleration * dt_s
         vehicle.timer += dt_s
         vehicle.lane = closest_lane(network.lanes, network.corners, vehicle.x, vehicle.y, vehicle.heading, vehicle.lane)
 
@@ -79,7 +85,7 @@ def move(network: LaneArrays, rows: NDArray[Any], dt_s: float) -> None:
 @njit(cache=True, nogil=True)
 def _limit(vehicle: Vehicle, dt_s: float) -> None:
     """Limit steering and acceleration to what the vehicle can do."""
-    if vehicle.driver != CHAUFFEURED:
+    if vehicle.driver not in (CHAUFFEURED, STEERED):
         vehicle.acceleration = rules.without_reversing(vehicle.acceleration, vehicle.speed, dt_s)
     if vehicle.crashed:
         vehicle.steering, vehicle.acceleration = 0.0, -vehicle.speed

@@ -11,6 +11,7 @@ import numpy as np
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints, Mask
+from coopsim.types.driving import NO_LIGHT
 from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.polyline import PolylineLane
 from coopsim.world.places.road_network import Lane, Road, RoadNetwork
@@ -21,7 +22,7 @@ GENTLE_M = 60.0
 """In bends of a larger radius long vehicles hardly swing out: they count as straight."""
 
 _SAME_WAY = 0.5  # square of the cosine of an angle of 45 degrees
-_OVER_M, _BODIES_M = 0.2, 2.4  # by which neighbouring lanes may overlap; between the middles of vehicles side by side
+_OVER_M, _BODIES_M = 0.6, 2.4  # by which neighbouring lanes may overlap; between the middles of vehicles side by side
 
 FIRST, USUAL, YIELDS = 1, 0, -1
 """Roles of movements. FIRST waits only for vehicles that are on their way already. USUAL goes in the order of asking.
@@ -137,6 +138,7 @@ class Movements(NamedTuple):
         clears: (K,) whether even vehicles with priority wait for space behind the junction.
         braking_m_s2: braking at which fast vehicles can stop at lines, which they ask for from the farther off;
             infinite: all ask at `REQUEST_M`.
+        light: (K,) `NO_LIGHT`, `GREEN`, `YELLOW` or `RED`.
     """
 
     of_road: Ints
@@ -150,6 +152,7 @@ class Movements(NamedTuple):
     closed: Mask
     clears: Mask
     braking_m_s2: float
+    light: Ints
 
 
 BRAKING_M_S2 = 3.1
@@ -202,4 +205,5 @@ def movements_of(
         none,
         none,
         braking_m_s2,
+        np.full(len(roads), NO_LIGHT),
     )

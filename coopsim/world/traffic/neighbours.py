@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.traffic.fleet import Body
-from coopsim.world.traffic.lane_geometry import distance_to_box, local_coordinates
+from coopsim.world.traffic.lane_geometry import distance_to_box, heading_at, local_coordinates
 from coopsim.world.traffic.lanes import LaneArrays, LaneRow
 from coopsim.world.traffic.rules import NEAR_M, VEHICLE_LENGTH_M
 
@@ -27,6 +28,7 @@ class LaneLists(NamedTuple):
         body: (E,) number of the body.
         along: (E,) m; increasing within a lane, equal ones by number.
         aside: (E,) m.
+        pokes: (E,) m, by which a steered body that is askew reaches farther aside than one that goes along the lane.
     """
 
     first: Ints
@@ -34,6 +36,7 @@ class LaneLists(NamedTuple):
     body: Ints
     along: Floats
     aside: Floats
+    pokes: Floats
 
 
 class Scene(NamedTuple):
@@ -65,7 +68,7 @@ def list_along_lanes(network: LaneArrays, bodies: NDArray[Any]) -> LaneLists:
     first = np.cumsum(capacity) - capacity
     count = np.zeros(len(lanes), dtype=np.int64)
     number = np.empty(capacity.sum(), dtype=np.int64)
-    along, aside = np.empty(len(number)), np.empty(len(number))
+    along, aside, pokes = np.empty(len(number)), np.empty(len(number)), np.empty(len(number))
     for k in range(len(lanes)):
         lane: LaneRow = lanes[k]
         for i in range(len(bodies)):
@@ -79,10 +82,18 @@ def list_along_lanes(network: LaneArrays, bodies: NDArray[Any]) -> LaneLists:
             entry = first[k] + count[k]
             while entry > first[k] and along[entry - 1] > s:
                 number[entry], along[entry], aside[entry] = number[entry - 1], along[entry - 1], aside[entry - 1]
+                pokes[entry] = pokes[entry - 1]
                 entry -= 1
             number[entry], along[entry], aside[entry] = i, s, d
+            pokes[entry] = _pokes(bodies[i], heading_at(lane, corners, s)) if bodies[i].steered else 0.0
             count[k] += 1
-    return LaneLists(first, count, number, along, aside)
+    return LaneLists(first, count, number, along, aside, pokes)
+
+
+@njit(cache=True, nogil=True)
+def _pokes(body: Body, heading: float) -> float:
+    angle = body.heading - heading
+    return (abs(math.cos(angle)) * body.width + abs(math.sin(angle)) * body.length - body.width) / 2
 
 
 @njit(cache=True, nogil=True)
@@ -112,7 +123,7 @@ def in_front(lists: LaneLists, lanes: NDArray[Any], lane: int, me: int, along: f
     for entry in range(first_from(lists, lane, along), end):
         if lists.along[entry] > nearest:
             break
-        if lists.body[entry] != me and abs(lists.aside[entry]) <= limit:
+        if lists.body[entry] != me and abs(lists.aside[entry]) - lists.pokes[entry] <= limit:
             found, nearest = lists.body[entry], lists.along[entry]
     return found
 
@@ -125,6 +136,6 @@ def behind(lists: LaneLists, lanes: NDArray[Any], lane: int, me: int, along: flo
     for entry in range(first_from(lists, lane, along) - 1, start - 1, -1):
         if lists.along[entry] < nearest:
             break
-        if lists.body[entry] != me and abs(lists.aside[entry]) <= limit:
+        if lists.body[entry] != me and abs(lists.aside[entry]) - lists.pokes[entry] <= limit:
             found, nearest = lists.body[entry], lists.along[entry]
     return found

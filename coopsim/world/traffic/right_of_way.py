@@ -115,6 +115,9 @@ def _ask(network: LaneArrays, vehicle: Vehicle, route: Ints, movements: Movement
     """
     if vehicle.driver == PARKED:
         return -np.inf, -1
+    if vehicle.astray:
+        vehicle.movement, vehicle.ticket, vehicle.left = -1, -1, 0
+        return -np.inf, -1
     k, distance_m = line_ahead(network, vehicle, route, movements.of_road)
     was = vehicle.movement if vehicle.ticket == GRANTED else -1
     left = was >= 0 and (k < 0 or movements.of_road[route[k, 0]] != was)
@@ -148,8 +151,9 @@ def _revoke(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Revoke grants that cannot be used; those vehicles keep their place before all waiting ones.
 
-    Return masks (N,): vehicles that wait for space behind the junction, those in line behind them, and those with
-    priority that are in line behind one that gives way; and the first of these alone.
+    Return masks (N,): vehicles that wait for space behind the junction, those in line behind them, those behind one
+    that waits at another line, and those with priority that are in line behind one that gives way; and the first of
+    these alone.
     """
     line_m, node = lines
     held, short = np.zeros(len(rows), dtype=np.bool_), np.zeros(len(rows), dtype=np.bool_)
@@ -160,6 +164,8 @@ def _revoke(
         for other in range(len(rows)):
             if node[other] == node[i] and line_m[other] >= line_m[i]:
                 held[other] |= short[i] or role[other] == FIRST
+            elif node[other] >= 0 and node[other] != node[i] and line_m[other] > 0:
+                held[other] |= _is_behind(network, rows[other], routes[other], movements, rows[i])
     may = held & (rows["ticket"] == GRANTED) & (line_m > 0)
     may &= (rows["driver"] != CHAUFFEURED) & (rows["driver"] != UNYIELDING)
     may |= rows["ticket"] == LOST
@@ -170,6 +176,22 @@ def _revoke(
     for place in range(len(revoked)):
         rows[revoked[place]].ticket = GRANTED + 1 + place
     return held, short
+
+
+@njit(cache=True, nogil=True)
+def _is_behind(network: LaneArrays, vehicle: Vehicle, route: Ints, movements: Movements, ahead: Vehicle) -> bool:
+    """Return whether another vehicle is ahead of one before its line: a curved lane may fork before the lines."""
+    lane = network.lanes[ahead.target_lane]
+    if lane.kind != POLYLINE:
+        return False
+    for k in range(vehicle.route_length):
+        if movements.of_road[route[k, 0]] >= 0:
+            return False
+        if route[k, 0] == lane.road:
+            along, _ = local_coordinates(lane, network.corners, vehicle.x, vehicle.y)
+            ahead_m, _ = local_coordinates(lane, network.corners, ahead.x, ahead.y)
+            return k > 0 or ahead_m > along
+    return False
 
 
 @njit(cache=True, nogil=True)
@@ -260,7 +282,7 @@ def _must_give_way(
     for other in range(len(rows)):
         vehicle, route = rows[other], routes[other]
         late = vehicle.ticket > GRANTED and role[other] != FIRST
-        if other == me or vehicle.driver == PARKED or held[other] or late:
+        if other == me or vehicle.driver == PARKED or vehicle.astray or held[other] or late:
             continue
         distance_m = start_of_route(network, vehicle, route)
         for k in range(vehicle.route_length):

@@ -8,13 +8,18 @@ from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.world.traffic.fleet import Vehicle
 from coopsim.world.traffic.lane_geometry import distance_to, local_coordinates, position_at
-from coopsim.world.traffic.lanes import LaneArrays, RoadRow
-from coopsim.world.traffic.rules import VEHICLE_LENGTH_M, draw_turn
+from coopsim.world.traffic.lanes import POLYLINE, LaneArrays, RoadRow
+from coopsim.world.traffic.rules import LONG_M, VEHICLE_LENGTH_M, draw_turn
+
+WIDE_M = 7.0
+"""Least radius of the curved lanes that long vehicles choose, where they can: a bus of 12.3 m makes no tighter bend."""
+
+_DRAWS = 8  # of a turn that is wide enough
 
 
 @njit(cache=True, nogil=True)
 def plan_ahead(network: LaneArrays, vehicle: Vehicle, route: Ints) -> None:
-    """Draw turns until the route is full, or the road ends."""
+    """Draw turns until the route is full, or the road ends. Long vehicles avoid those that are too tight for them."""
     here = network.lanes[vehicle.target_lane].road
     if vehicle.route_length == 0 or route[0, 0] != here:
         # Without a lane's number: where a route has one, MOBIL changes no lane.
@@ -25,9 +30,13 @@ def plan_ahead(network: LaneArrays, vehicle: Vehicle, route: Ints) -> None:
         if road.ways == 0:
             return
         ways = road.inner_ways if vehicle.stays and road.inner_ways > 0 else road.ways
-        turn = draw_turn(vehicle.turn_key, vehicle.turns, ways)
-        vehicle.turns += 1
-        route[vehicle.route_length, 0] = network.ways[road.first_way + turn]
+        for _ in range(_DRAWS if vehicle.length > LONG_M else 1):
+            way = network.ways[road.first_way + draw_turn(vehicle.turn_key, vehicle.turns, ways)]
+            vehicle.turns += 1
+            lane = network.lanes[network.roads[way].first_lane]
+            if lane.kind != POLYLINE or lane.radius >= WIDE_M:
+                break
+        route[vehicle.route_length, 0] = way
         route[vehicle.route_length, 1] = -1
         vehicle.route_length += 1
 

@@ -16,20 +16,31 @@ from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.catalogue import draw_models, models_of
 from coopsim.world.models.model import Model
 from coopsim.world.places.layout import LANE_M, Layout, StartSlot
+from coopsim.world.places.polyline import PolylineLane
 from coopsim.world.population import Population
 from coopsim.world.script import VehicleRole
 from coopsim.world.traffic.array_engine import closest_speed
-from coopsim.world.traffic.fleet import CHAUFFEURED, HIGHWAY, PARKED, PEDALLED, TOWN, UNYIELDING, VEHICLE, Fleet
+from coopsim.world.traffic.fleet import (
+    CHAUFFEURED,
+    HIGHWAY,
+    PARKED,
+    PEDALLED,
+    STEERED,
+    TOWN,
+    UNYIELDING,
+    VEHICLE,
+    Fleet,
+)
 from coopsim.world.traffic.lane_geometry import closest_lane
 from coopsim.world.traffic.lanes import NumberedNetwork
-from coopsim.world.traffic.rules import PARKED_ASIDE_M
+from coopsim.world.traffic.rules import LONG_M, PARKED_ASIDE_M
 
 _BRAKING_M_S2 = 5.0  # of a vehicle that starts right behind a slower one
 _STAND_M, _LINE_BRAKING_M_S2 = 8.0, 3.0  # from the middle of a waiting car to its line; braking before it
 _GAP_M = 0.5  # left when it has braked
 _TURN_RAD = 0.3  # a vehicle with another heading is not ahead
 
-_BUS_AXLES = 0.25  # from the middle, in lengths: half a length apart, as the models of buses have them
+_AXLES = 0.25  # from the middle, in lengths: half a length apart, as the models of buses have them
 
 _RAREST = 1000.0  # least traffic of a lane, as a part of the most: its starts are taken last
 
@@ -38,7 +49,7 @@ _PARKED_VANS = 0.15  # share of vans, where a bay has no class of its own
 # Time gap (s) and lateral gain (1/s). highway-env's 1.5 s would fill the lanes of a highway, and leave no gap to pass;
 # with its 1.67 a car turns by 15 degrees at 25 m/s, and back, in a second.
 _MANNERS = {TOWN: (1.5, 1 / 0.6), HIGHWAY: (1.0, 0.5), CHAUFFEURED: (1.5, 1 / 0.6), PEDALLED: (1.5, 1 / 0.6)}
-_MANNERS |= {UNYIELDING: _MANNERS[TOWN], PARKED: _MANNERS[TOWN]}
+_MANNERS |= dict.fromkeys((UNYIELDING, PARKED, STEERED), _MANNERS[TOWN])
 
 
 class Spawner:
@@ -53,6 +64,8 @@ class Spawner:
         self.rng, self._turns_rng = stream(seed, "traffic"), stream(seed, "drivers")
         self._next_id = 1
         self._lines = {start for start, _ in layout.movements}
+        # Trucks with axles at their ends, as highway-env has them, cannot follow the bends of maps.
+        self._curved = any(isinstance(lane, PolylineLane) for lane in layout.network.lanes.values())
 
     def choose_starts(self, population: Population) -> tuple[list[int], list[int]]:
         """Return the slots of the vehicles, ascending, and their classes.
@@ -132,7 +145,8 @@ class Spawner:
         row["x"], row["y"] = lane.position(start.along_m, 0.0)
         row["heading"] = lane.heading_at(start.along_m)
         row["length"], row["width"] = self._models[model].size_m[:2]
-        row["axle_m"] = row["length"] * (_BUS_AXLES if self._models[model].label == ObjectClass.BUS else 0.5)
+        overhangs = self._models[model].label == ObjectClass.BUS or (self._curved and row["length"] > LONG_M)
+        row["axle_m"] = row["length"] * (_AXLES if overhangs else 0.5)
         row["lane"] = row["target_lane"] = self._network.lane_number[start.lane]
         row["time_wanted"], row["lateral_gain"] = _MANNERS[driver]
         row["timer"] = (row["x"] + row["y"]) * np.pi % 1.0  # as in highway-env: not all change lanes at once

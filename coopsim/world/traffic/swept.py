@@ -1,7 +1,7 @@
 """Ground that long vehicles sweep on curved movements, and movements that conflict for them alone.
 
-Buses lead their front axle along the lane: their rear cuts inside, and their front swings out. Trucks lead their middle
-along it: both ends swing out.
+Where lanes are curved, buses and trucks lead their front axle along the lane: their rear cuts inside, and their front
+swings out.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ _CAR_M, _WAITING_M = 1.0, 7.0  # half the width of a waiting car, and from its f
 _BUS = np.array([6.15, 3.1, 3.1, 1.3])
 """From the point that is led along the lane to the rear axle, from there to the rear, from the point to the front, and
 half the width, m: of the longest bus, 12.3 m."""
-_TRUCK = np.array([4.8, 0.0, 4.8, 1.3])  # 9.6 m
 
 
 def clearances_of_long(network: RoadNetwork, movements: Sequence[Road], clear_m: Floats) -> tuple[Floats, Floats]:
@@ -75,8 +74,7 @@ def _last_met(points: Floats, first: Ints, ends: Ints, curved: Mask) -> tuple[In
     back_m = np.zeros(count)
     for k in range(count):
         line = points[first[k] : first[k + 1]]
-        for vehicle in (_BUS, _TRUCK):
-            _sweep(line, vehicle, aside[first[k] : first[k + 1]])
+        _sweep(line, aside[first[k] : first[k + 1]])
         reach = aside[first[k] : first[k + 1]].max() + _GAP_M
         box[k, 0], box[k, 1] = line[:, 0].min() - reach, line[:, 1].min() - reach
         box[k, 2], box[k, 3] = line[:, 0].max() + reach, line[:, 1].max() + reach
@@ -91,9 +89,9 @@ def _last_met(points: Floats, first: Ints, ends: Ints, curved: Mask) -> tuple[In
 
 
 @njit(cache=True, nogil=True)
-def _sweep(line: Floats, vehicle: Floats, aside: Floats) -> None:
-    """Widen what is swept to the left and right (K, 2) m of a line (K, 2) by a vehicle (see `_BUS`) on it."""
-    wheelbase_m, behind_m, ahead_m, half_m = vehicle
+def _sweep(line: Floats, aside: Floats) -> None:
+    """Write what the longest bus sweeps to the left and right (K, 2) m of a line (K, 2)."""
+    wheelbase_m, behind_m, ahead_m, half_m = _BUS
     rear_x = line[0, 0] - wheelbase_m * (line[1, 0] - line[0, 0]) / _STEP_M
     rear_y = line[0, 1] - wheelbase_m * (line[1, 1] - line[0, 1]) / _STEP_M
     steps = int(wheelbase_m + behind_m + ahead_m) + 1

@@ -21,10 +21,22 @@ from coopsim.world.script import Script
 from coopsim.world.traffic.array_engine import ArrayEngine
 from coopsim.world.traffic.cut_out import CutOut
 from coopsim.world.traffic.edges import Edges
-from coopsim.world.traffic.fleet import CHAUFFEURED, HIGHWAY, PARKED, PEDALLED, TOWN, UNYIELDING, VEHICLE, Fleet
+from coopsim.world.traffic.fleet import (
+    CHAUFFEURED,
+    HIGHWAY,
+    PARKED,
+    PEDALLED,
+    STEERED,
+    TOWN,
+    UNYIELDING,
+    VEHICLE,
+    Fleet,
+)
 from coopsim.world.traffic.lanes import NumberedNetwork
 from coopsim.world.traffic.lights import Lights
+from coopsim.world.traffic.navigation import ROUTE_M, SteeredCars
 from coopsim.world.traffic.spawner import Spawner, slow_down_before_lines, slow_down_behind_others
+from coopsim.world.traffic.steered import DRY
 
 _COMPANY = 6
 """Cars that keep together, unless more of them are connected."""
@@ -39,7 +51,7 @@ _EASY_BRAKING_M_S2 = 2.0
 _SCRIPTED = {"unyielding": UNYIELDING, "steady": CHAUFFEURED, "leaves lane": CHAUFFEURED, "parked": PARKED}
 """Drivers by a role's manner. One whom nobody tells anything, as an agent might, keeps its speed."""
 
-_DRIVERS = {"policy": CHAUFFEURED, "acceleration": PEDALLED, "planner": PEDALLED}
+_DRIVERS = {"policy": CHAUFFEURED, "acceleration": PEDALLED, "planner": PEDALLED, "steering": STEERED}
 
 
 class Engine(Protocol):
@@ -72,10 +84,11 @@ ENGINES: dict[str, Callable[..., Engine]] = {
 class Traffic:
     """All vehicles of one episode.
 
-    `control` is "traffic", which drives connected cars, or they obey the maneuvers ("policy") or the accelerations
-    ("acceleration" or "planner") of agents; `engine` is one of `ENGINES`. Control is about the connected cars with the
-    numbers in `driven`; None: all. With a `script`, its vehicles take the place of drawn ones on the roads: the ego in
-    row 0, then the others in their order.
+    `control` is "traffic", which drives connected cars, or they obey the maneuvers ("policy"), the accelerations
+    ("acceleration" or "planner") or the accelerations and steering ("steering") of agents; `engine` is one of
+    `ENGINES`. Control is about the connected cars with the numbers in `driven`; None: all. With a `script`, its
+    vehicles take the place of drawn ones on the roads: the ego in row 0, then the others in their order. Steered cars
+    have goals at a distance within `route_m`, and tyres with the friction `grip`.
 
     Attributes:
         fleet: the vehicles, moving ones first, then parked ones.
@@ -93,6 +106,8 @@ class Traffic:
         engine: str = "arrays",
         script: Script | None = None,
         driven: Sequence[int] | None = None,
+        route_m: tuple[float, float] = ROUTE_M,
+        grip: float = DRY,
     ) -> None:
         require_choice("traffic", engine, ENGINES)
         self._layout, self._models = layout, models
@@ -118,6 +133,7 @@ class Traffic:
             if engine != "arrays":
                 raise InvalidValueError(f'traffic must be "arrays" where a scenario has a script, got {engine!r}')
             self._cast(script, population.parked, _DRIVERS.get(control), driven)
+            self._steered = self._let_steer(seed, route_m, grip)
             return
         slots, labels = self._spawner.choose_starts(population)
         cars = self._cars(slots, labels)
@@ -147,6 +163,21 @@ class Traffic:
             self.fleet.rows["time_wanted"][company] = layout.convoy_gap_s
         self._spawner.park(self.fleet, len(slots), population.parked)
         self._company = np.array([k for k in company if _goes_east(layout.slots[slots[k]].lane)], dtype=np.int64)
+        self._steered = self._let_steer(seed, route_m, grip)
+
+    def _let_steer(self, seed: int, route_m: tuple[float, float], grip: float) -> SteeredCars | None:
+        """Return the cars that agents steer; None: there are none."""
+        lights, places = self._engine.lights, self._layout.road_map
+        if lights is None or not (self.fleet.rows["driver"] == STEERED).any():
+            return None
+        outlines = [*places.buildings, *places.walls]
+        return SteeredCars(self.fleet, self._network.arrays, lights.movements, outlines, seed, route_m, grip)
+
+    def release(self, number: int) -> None:
+        """Hand a steered car to the traffic model, by its number."""
+        if self._steered is not None:
+            driver = TOWN if self._layout.window_m is None else HIGHWAY
+            self._steered.release(self.fleet, self.connected[number], driver)
 
     def _keep_in_cut(self) -> None:
         """Let connected cars stay in a place that is cut out of a map, and stop where a lane ends."""
@@ -179,7 +210,11 @@ class Traffic:
         if self._cut_out is not None:
             self._cut_out.act(self.fleet)
         by_row = {self.connected[number]: command for number, command in commands.items()}
+        if self._steered is not None:
+            self._steered.find(self.fleet)
         self._engine.step(self.fleet, people, dt_s, by_row)
+        if self._steered is not None:
+            self._steered.judge(self.fleet.rows)
         if self._window_m is not None:
             self._renew(self._window_m)
         if self._edges is not None:
@@ -187,7 +222,10 @@ class Traffic:
 
     def way_ahead(self, number: int) -> Route:
         """Return the way ahead of a connected car, by its number."""
-        return self._engine.way_ahead(self.fleet, self.connected[number])
+        row, lights = self.connected[number], self._engine.lights
+        if self._steered is not None and lights is not None and self._steered.has(row):
+            return self._steered.way_ahead(self.fleet, row, lights.movements)
+        return self._engine.way_ahead(self.fleet, row)
 
     @property
     def light_states(self) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
-from coopsim.types.driving import GIVES_WAY, HAS_PRIORITY, NOBODY_FIRST, Route
+from coopsim.types.driving import GIVES_WAY, HAS_PRIORITY, NO_LIGHT, NOBODY_FIRST, Route
 from coopsim.world.places.polyline import LATERAL_M_S2
 from coopsim.world.traffic.asked import can_stop
 from coopsim.world.traffic.fleet import Vehicle
@@ -23,7 +23,8 @@ from coopsim.world.traffic.routes import lane_of_route, plan_ahead, start_of_rou
 SPACING_M, REACH_M = 1.0, 100.0
 """Distance between the points of a route, and how far it reaches."""
 
-_BEFORE_LINE_M = 1.0  # left by a front bumper
+BEFORE_LINE_M = 1.0
+"""Distance that a front bumper leaves to a line."""
 
 
 def way_ahead(network: LaneArrays, movements: Movements, rows: NDArray[Any], me: int, route: Ints) -> Route:
@@ -39,13 +40,26 @@ def way_ahead(network: LaneArrays, movements: Movements, rows: NDArray[Any], me:
         route: (K, 2) its row of `Fleet.routes`. Turns that it lacks are drawn, as the next step would.
     """
     count = round(REACH_M / SPACING_M) + 1
-    ahead, limit_m_s, rights, heading = _points_ahead(network, movements, rows, me, route, SPACING_M, count)
+    ahead, limit_m_s, rights, heading, lanes, _ = points_ahead(
+        network, movements, rows, me, route, SPACING_M, count, obeys=True
+    )
     cos, sin = np.cos(heading), np.sin(heading)
-    return Route(ahead @ np.array([[cos, -sin], [sin, cos]]), SPACING_M, limit_m_s, rights)
+    points = ahead @ np.array([[cos, -sin], [sin, cos]])
+    return Route(points, SPACING_M, limit_m_s, rights, *on_map(network, movements, lanes))
+
+
+def on_map(network: LaneArrays, movements: Movements, numbers: Ints) -> tuple[Floats, Ints, Ints]:
+    """Return what a map has of lanes (K,): widths (K,) m, lanes beside (K, 2), and lights (K,)."""
+    lanes = network.lanes[numbers]
+    movement, rightmost = movements.of_road[lanes["road"]], network.roads["lanes"][lanes["road"]] - 1
+    light = np.full(len(numbers), NO_LIGHT)
+    light[movement >= 0] = movements.light[movement[movement >= 0]]
+    beside = np.column_stack([lanes["number"], rightmost - lanes["number"]])
+    return lanes["width"], beside, light
 
 
 @njit(cache=True, nogil=True)
-def _points_ahead(
+def points_ahead(
     network: LaneArrays,
     movements: Movements,
     rows: NDArray[Any],
@@ -53,22 +67,26 @@ def _points_ahead(
     route: Ints,
     spacing_m: float,
     count: int,
-) -> tuple[Floats, Floats, Ints, float]:
+    obeys: bool,
+) -> tuple[Floats, Floats, Ints, float, Ints, Ints]:
     """Return points (count, 2) m of the middle of the lanes ahead, from the vehicle, in the axes of the world.
 
-    Also their legal and comfortable speeds (count,) m/s, their right of way (count,), and the vehicle's heading, rad.
+    Also their legal and comfortable speeds (count,) m/s (0 from a red light on, if it `obeys`), their right of way
+    (count,), the vehicle's heading, rad, their lanes (count,), and the places (count,) of their roads in the route.
     """
     vehicle: Vehicle = rows[me]
     plan_ahead(network, vehicle, route)
-    stop_m = _red_light(network, movements, vehicle, route)
+    stop_m = _red_light(network, movements, vehicle, route) if obeys else np.inf
     number, place = vehicle.target_lane, 0
     along, _ = local_coordinates(network.lanes[number], network.corners, vehicle.x, vehicle.y)
     points, limit, rights = np.empty((count, 2)), np.empty(count), np.empty(count, dtype=np.int64)
+    lanes, places = np.empty(count, np.int64), np.empty(count, np.int64)
     for k in range(count):
         while along > network.lanes[number].length and place + 1 < vehicle.route_length:
             along -= network.lanes[number].length
             place += 1
             number = lane_of_route(network, vehicle, route, place)
+        lanes[k], places[k] = number, place
         lane = network.lanes[number]
         known = min(along, lane.length)
         x, y = position_at(lane, network.corners, known)
@@ -82,10 +100,10 @@ def _points_ahead(
             rights[k] = HAS_PRIORITY
         elif movement >= 0 and movements.role[movement] == YIELDS:
             rights[k] = GIVES_WAY
-        if k * spacing_m >= stop_m:
+        if (k + 1) * spacing_m > stop_m:  # planners stop at the first point that says so, or a little beyond
             limit[k], rights[k] = 0.0, GIVES_WAY
         along += spacing_m
-    return points, limit, rights, vehicle.heading
+    return points, limit, rights, vehicle.heading, lanes, places
 
 
 @njit(cache=True, nogil=True)
@@ -95,6 +113,6 @@ def _red_light(network: LaneArrays, movements: Movements, vehicle: Vehicle, rout
     for k in range(vehicle.route_length):
         movement = movements.of_road[route[k, 0]]
         if movement >= 0 and movements.closed[movement] and can_stop(vehicle, distance_m):
-            return max(distance_m - vehicle.length / 2 - _BEFORE_LINE_M, 0.0)
+            return max(distance_m - vehicle.length / 2 - BEFORE_LINE_M, 0.0)
         distance_m += network.lanes[lane_of_route(network, vehicle, route, k)].length
     return np.inf

@@ -17,6 +17,9 @@ from coopsim.types.taxonomy import ObjectClass
 _STARTS = 20
 """Times that are drawn for an episode before it is given up."""
 
+LONGEST_S = 300.0
+"""Longest episode of cars that have left their log."""
+
 _MIDDLES = 8
 """Cars around which the place is tried at each of them."""
 
@@ -30,14 +33,27 @@ class Choice:
         start_s: time in the log at which it begins.
         end_s: time at which the first connected car leaves.
         connected: tracks (C,) of the connected cars.
+        left_s: (C,) time in the log at which each leaves the place or is lost.
         middle: (2,) m, the middle of the place in the log's plane.
+        whole: the log that it is a part of.
+        radius_m: radius of the place.
     """
 
     log: TrackLog
     start_s: float
     end_s: float
     connected: Ints
+    left_s: Floats
     middle: Floats
+    whole: TrackLog
+    radius_m: float
+
+    def going_on(self) -> Choice:
+        """Return the same part, but for as long as an episode of driven cars can last: they may be slower."""
+        end_s = min(self.whole.end_s, self.start_s + LONGEST_S)
+        names = [self.log.ids[k] for k in self.connected]
+        log, connected = _part(self.whole, self.start_s, end_s, self.middle, self.radius_m, names)
+        return replace(self, log=log, end_s=end_s, connected=connected)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,15 +155,24 @@ def _stays_near(log: TrackLog, track: int, start_s: float, middle: Floats, wish:
 def _cut(log: TrackLog, wish: Wish, start_s: float, cars: Ints, middle: Floats) -> Choice:
     """Return the part from a time on around a point: until a connected car leaves the place or is lost."""
     names = [log.ids[k] for k in cars]
-    end_s = min(_last_s(log, int(car), start_s, middle, wish.radius_m) for car in cars) if len(cars) else log.end_s
+    left_s = np.array([_last_s(log, int(car), start_s, middle, wish.radius_m) for car in cars])
+    end_s = float(left_s.min()) if len(cars) else log.end_s
+    part, connected = _part(log, start_s, end_s, middle, wish.radius_m, names)
+    return Choice(part, start_s, end_s, connected, left_s, middle, log, wish.radius_m)
+
+
+def _part(
+    log: TrackLog, start_s: float, end_s: float, middle: Floats, radius_m: float, names: list[str]
+) -> tuple[TrackLog, Ints]:
+    """Return the part of a log between two times around a point, and the tracks there of some names."""
     part = log.played(start_s, end_s)
     place = part.place - [*middle, 0.0]
-    near = exact.norm(place[:, :2]) <= wish.radius_m
+    near = exact.norm(place[:, :2]) <= radius_m
     kept = np.zeros(len(part.ids), bool)
     kept[part.track[near]] = True
     moved = replace(part, place=place).of(np.flatnonzero(kept))
     known = {name: k for k, name in enumerate(moved.ids)}
-    return Choice(moved, start_s, end_s, np.array([known[name] for name in names], np.int64), middle)
+    return moved, np.array([known[name] for name in names], np.int64)
 
 
 def _last_s(log: TrackLog, track: int, start_s: float, middle: Floats, radius_m: float) -> float:

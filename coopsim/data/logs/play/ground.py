@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from coopsim.data.logs.track_log import TrackLog
@@ -12,7 +14,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.world.places.layout import GROUND, Layout, flat_part, flights_around, rectangle
 from coopsim.world.places.road_network import RoadNetwork
 from coopsim.world.places.streets import RSU_HEIGHT_M
-from coopsim.world.snapshot import RoadMap
+from coopsim.world.snapshot import RoadMap, StaticPart
 
 _MARGIN_M, _HALF_M, _STEP_M = 60.0, 1.7, 4.0
 
@@ -28,8 +30,10 @@ def map_ground(path: str, middle: Floats, radius_m: float, seed: int) -> Layout:
     return place_around(open_file(path), (x, y), radius_m, seed).make_layout()
 
 
-def flat_ground(log: TrackLog, radius_m: float) -> Layout:
-    """Return flat ground without anything on it; its map shows where vehicles drove."""
+def flat_ground(
+    log: TrackLog, radius_m: float, houses: Sequence[StaticPart] = (), footprints: Sequence[Floats] = ()
+) -> Layout:
+    """Return flat ground with nothing but houses (see `lots.py`) on it; its map shows where vehicles drove."""
     reach = radius_m + _MARGIN_M
     ground = rectangle((-reach, reach), (-reach, reach))
     return Layout(
@@ -39,8 +43,8 @@ def flat_ground(log: TrackLog, radius_m: float) -> Layout:
         rsus=(),
         rsu_height_m=RSU_HEIGHT_M,
         speeds_m_s=(0.0,),
-        static=(flat_part("ground", [ground], 0.0, GROUND, 0.2),),
-        road_map=RoadMap(tuple(_ways(log)), (), (), ()),
+        static=(flat_part("ground", [ground], 0.0, GROUND, 0.2), *houses),
+        road_map=RoadMap(tuple(_ways(log)), (), (), tuple(footprints)),
         flights=flights_around(np.zeros(2)),
     )
 

@@ -11,19 +11,26 @@ from typing import Any
 import numpy as np
 
 from coopsim.data.logs.play.choice import Choice, Wish, choose
+from coopsim.data.logs.play.drivers import DRIVERS
 from coopsim.data.logs.play.ground import flat_ground, map_ground
 from coopsim.data.logs.play.logged_world import LoggedWorld
+from coopsim.data.logs.play.lots import drawn_lots
 from coopsim.data.logs.reading import ENDS, read_log
-from coopsim.data.logs.track_log import TrackLog
+from coopsim.data.logs.track_log import TrackLog, most_at_once
 from coopsim.data.maps.place.scenarios import RADII_M, as_point
 from coopsim.errors import InvalidValueError, UnknownNameError
-from coopsim.support.checks import require_between, require_positive
+from coopsim.support.checks import require_between, require_choice, require_flag, require_positive
+from coopsim.types import Mask
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.drawn_options import PlaceSeeds
 from coopsim.world.drawn_places import PLACE_FILES, DrawnPlaces
 from coopsim.world.population import Population
 from coopsim.world.scenario import EpisodeScenarios, Place, Scenario
 from coopsim.world.snapshot import WorldSource
+
+OTHERS = ("log", "idm")
+CONTROLS = ("traffic", "acceleration", "planner")
+"""Values of the option `control` in logs: a car on its logged way can be told no maneuvers."""
 
 _KEPT = 2
 _USUAL_CARS = 3
@@ -42,6 +49,8 @@ class LogOptions:
         around: middle of the place (x, y) in the log's plane, m, also as a text "X,Y"; None: the first connected car's.
         radius_m: radius of the place, 60 to 600 m; road users beyond are left out.
         part: case of a table of INTERACTION; None: the first.
+        lots: whether houses are drawn where no road user of the log ever goes; for logs without a map.
+        others: what vehicles do that are not connected: "log" (follow it) or "idm" (react as drivers on their ways).
     """
 
     map: str | Path | None = None
@@ -51,8 +60,14 @@ class LogOptions:
     around: tuple[float, float] | str | None = None
     radius_m: float = 250.0
     part: str | None = None
+    others: str = "log"
+    lots: bool = False
 
     def __post_init__(self) -> None:
+        require_choice("others", self.others, OTHERS)
+        require_flag(lots=self.lots)
+        if self.lots and self.map is not None:
+            raise InvalidValueError("lots are drawn for logs without a map, which has its own: accepted with map=None")
         require_between(*RADII_M, radius_m=self.radius_m)
         require_positive(least_s=self.least_s)
         names = self.cars.split(",") if isinstance(self.cars, str) else [str(each) for each in self.cars]
@@ -77,24 +92,48 @@ def _read(path: str, part: str | None, state: Any) -> TrackLog:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlayedPart:
-    """A part of a log as an episode's traffic; see `coopsim.world.scenario.Played`."""
+    """A part of a log as an episode's traffic; see `coopsim.world.scenario.Played`.
+
+    Attributes:
+        choice: the part.
+        others: see `LogOptions`.
+        lots: number of houses that were drawn; None: none were asked for.
+    """
 
     choice: Choice
+    others: str = "log"
+    lots: int | None = None
 
     @property
     def over_s(self) -> float:
-        """Time at which the first connected car leaves."""
+        """Time at which the first connected car leaves, where none is driven."""
         return self.choice.end_s - self.choice.start_s
 
     @property
     def facts(self) -> Mapping[str, Any]:
-        """Time in the log at which the episode begins, and the names of the connected cars there."""
+        """Time in the log at which the episode begins, the names of the connected cars there, what was drawn."""
         names = [self.choice.log.ids[k] for k in self.choice.connected]
-        return {"log_start_s": self.choice.start_s, "log_cars": names}
+        drawn = {} if self.lots is None else {"log_lots": self.lots}
+        return {"log_start_s": self.choice.start_s, "log_cars": names, **drawn}
 
-    def world(self, scenario: Scenario, seed: int) -> WorldSource:
-        """Return the world."""
-        return LoggedWorld(self.choice.log, self.choice.start_s, self.choice.connected, scenario, seed)
+    def world(
+        self, scenario: Scenario, seed: int, *, control: str = "traffic", driven: Sequence[str] | None = None
+    ) -> WorldSource:
+        """Return the world.
+
+        Raises:
+            CoopsimError: cars cannot be driven so, or there is no car of a name.
+        """
+        require_choice("control of the cars in a log", control, CONTROLS)
+        cars = [f"cav_{k}" for k in range(len(self.choice.connected))]
+        for name in driven or ():
+            require_choice("connected car in driven_agents", name, cars)
+        if control == "traffic":
+            numbers: list[int] = []
+        else:
+            numbers = [cars.index(name) for name in (cars if driven is None else driven)]
+        choice = self.choice.going_on() if numbers else self.choice
+        return LoggedWorld(choice, numbers, scenario, seed, idm=self.others == "idm")
 
 
 class LogScenarios(EpisodeScenarios):
@@ -124,7 +163,10 @@ class LogScenarios(EpisodeScenarios):
             vehicles=max(alive, 1), truck_share=0.0, **{"rsus": 0, "drones": 0, **_cars(numbers, options)}
         )
         self._agents = (counted.connected, counted.rsus, counted.drones)
-        self.most_actors = _most_at_once(self._log, np.ones(len(self._log.ids), bool))
+        every, drives = np.ones(len(self._log.ids), bool), np.isin(self._log.label, DRIVERS)
+        kinds = (every,) if options.others == "log" else (drives, ~drives)
+        # Driven cars may be there longer than in the log, and no more drivers are let in than were there at once.
+        self.most_actors = counted.connected + sum(_most_at_once(self._log, kind) for kind in kinds)
         self.of(0)
 
     def of(self, seed: int) -> Scenario:
@@ -142,14 +184,19 @@ class LogScenarios(EpisodeScenarios):
             least_s=options.least_s,
         )
         choice = choose(self._log, wish, place_seed)
-        if options.map is None:
-            layout = flat_ground(choice.log, options.radius_m)
-        else:
+        lots = None
+        if options.map is not None:
             layout = map_ground(str(options.map), choice.middle, options.radius_m, place_seed)
+        elif options.lots:
+            houses, outlines = drawn_lots(self._log, choice.middle, options.radius_m, place_seed)
+            layout, lots = flat_ground(choice.log, options.radius_m, houses, outlines), len(houses)
+        else:
+            layout = flat_ground(choice.log, options.radius_m)
         there = Population(
             vehicles=connected, truck_share=0.0, connected_cars=connected, rsus=rsus, drones=drones, pedestrians=0
         )
-        return Scenario(self.name, layout, there, self._detail, place_seed=place_seed, played=PlayedPart(choice))
+        played = PlayedPart(choice, options.others, lots)
+        return Scenario(self.name, layout, there, self._detail, place_seed=place_seed, played=played)
 
 
 def _cars(numbers: Mapping[str, Any], options: LogOptions) -> dict[str, Any]:
@@ -161,12 +208,9 @@ def _cars(numbers: Mapping[str, Any], options: LogOptions) -> dict[str, Any]:
     return {"connected_cars": _USUAL_CARS, **numbers} if numbers.get("penetration") is None else dict(numbers)
 
 
-def _most_at_once(log: TrackLog, of: Any) -> int:
-    """Return how many of the tracks `of` are there at once, at most."""
-    first, last = log.time_s[log.first[:-1]][of], log.time_s[log.first[1:] - 1][of]
-    begun = np.searchsorted(np.sort(first), np.sort(first), side="right")
-    gone = np.searchsorted(np.sort(last), np.sort(first), side="left")
-    return int((begun - gone).max(initial=0))
+def _most_at_once(log: TrackLog, of: Mask) -> int:
+    """Return how many of the tracks `of` (T,) are there at once, at most."""
+    return most_at_once(log.time_s[log.first[:-1]][of], log.time_s[log.first[1:] - 1][of])
 
 
 class LogPlaces(DrawnPlaces):

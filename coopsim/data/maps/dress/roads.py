@@ -17,6 +17,7 @@ from coopsim.types import Mask
 _NARROWEST_M = 2.6  # drivers have at least as much
 _STRAIGHT_M = 0.02
 _BEYOND_M = 60.0  # that streets go on behind the end of their last lane
+_ONE_ROAD_M, _ONE_WAY = 30.0, 0.7  # distance, and cosine of headings, up to which ends are those of one road
 _CALM_M_S, _FAST_M_S = 60 / 3.6 + 0.01, 90 / 3.6 + 0.01
 _NO_ROAD = ("walk", "other")
 _GUTTER_M = 1.0  # shoulders that are narrower are part of the pavement
@@ -52,9 +53,10 @@ def roads_of(streets: StreetMap) -> Roads:
         parts.append(pieces)
         limits.append(np.full(len(pieces), np.nan if limit is None else limit))
         beyond.append(np.arange(len(pieces)) >= len(line) - 1)
-    limit_m_s, pieces = np.concatenate(limits), np.concatenate(parts)
+    limit_m_s, pieces, behind = np.concatenate(limits), np.concatenate(parts), np.concatenate(beyond)
+    pieces[behind] = _side_by_side(pieces[behind])
     calm, fast = ~(limit_m_s > _CALM_M_S), limit_m_s > _FAST_M_S
-    return Roads(field_of(pieces), pieces, calm, fast, np.concatenate(beyond))
+    return Roads(field_of(pieces), pieces, calm, fast, behind)
 
 
 def _lines(streets: StreetMap) -> Iterator[tuple[Floats, Floats, float | None, list[int]]]:
@@ -85,6 +87,16 @@ def _onward(piece: Floats, end: int) -> Floats:
     ahead = (stop - start) / max(float(exact.norm(stop - start)), 1e-9)
     half_m = piece[5] if end else piece[4]
     return np.array([[*stop, *(stop + _BEYOND_M * ahead), half_m, half_m]])
+
+
+def _side_by_side(pieces: Floats) -> Floats:
+    """Turn pieces (N, 6) behind ends that lie near each other to one direction, as lanes of a bend lie side by side."""
+    starts, ahead = pieces[:, :2], (pieces[:, 2:4] - pieces[:, :2]) / _BEYOND_M
+    near = exact.norm(starts[:, None] - starts) < _ONE_ROAD_M
+    near &= exact.dot(ahead[:, None], ahead) > _ONE_WAY
+    together: Floats = (near[..., None] * ahead).sum(axis=1)
+    ahead = together / exact.norm(together, keepdims=True)
+    return np.column_stack([starts, starts + _BEYOND_M * ahead, pieces[:, 4:]])
 
 
 def driven_middles(streets: StreetMap) -> Floats:

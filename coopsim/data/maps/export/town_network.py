@@ -11,8 +11,9 @@ from itertools import pairwise, product
 import numpy as np
 
 from coopsim.geometry import exact
+from coopsim.geometry.outlines import lines_cross
 from coopsim.geometry.se3 import Floats
-from coopsim.world.custom.conflicts import lines_cross, middle_line
+from coopsim.world.custom.conflicts import middle_line
 from coopsim.world.drawn_options import TownOptions
 from coopsim.world.places.description import PlaceDescription
 from coopsim.world.places.road_network import Lane, Road, RoadNetwork

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from coopsim.data.maps.place.lines import spaced
 from coopsim.data.maps.place.strips import Strip
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
-from coopsim.world.places.description import MapArea, MapBay, MapLane
+from coopsim.world.places.description import MapArea, MapBay, MapLane, MapWays
 from coopsim.world.places.streets import turning_loop
 
 _LEAST_M = {"buildings": 2.3, "walls": 2.3, "trees": 2.3, "rsus": 2.3, "parked": 2.05, "paved": 0.8}
@@ -29,7 +30,10 @@ _SIDE_M = 3.5  # from the middle of a loop's lanes to what stands there
 def clear_of_roads(
     fields: Mapping[str, Any], strips: Iterable[Strip], loops: Sequence[MapLane], nodes: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return fields of a description without parts that are too near to lanes, or to loops to turn round in."""
+    """Return fields of a description without parts that are too near to lanes, or to loops to turn round in.
+
+    People's ways over loops are left out, too.
+    """
     tree = cKDTree(np.concatenate([spaced(each.line, _STEP_M)[:, :2] for each in strips]))
     discs = np.array([disc for loop in loops for disc in _ground(loop, nodes)]).reshape(-1, 3)
     found = {name: part for name, part in fields.items() if name != "furniture"}  # drawn in full detail, all of it
@@ -44,7 +48,25 @@ def clear_of_roads(
         near = beside | (exact.norm(points[:, None] - discs[None, :, :2]) < discs[:, 2]).any(axis=1)
         barred = {id(parts[k]) for k in np.unique(owner[near]).tolist()}
         found[name] = tuple(each for each in fields[name] if id(each) not in barred)
+    if found.get("walks") is not None and len(discs):
+        found["walks"] = _beside_loops(found["walks"], discs)
     return found
+
+
+def _beside_loops(walks: MapWays, discs: Floats) -> MapWays:
+    """Return people's ways without those over discs (D, 3), x, y and radius: there nobody gives way to them."""
+    runs = list[tuple[str, ...]]()
+    for way in walks.ways:
+        line = np.array([walks.nodes[name] for name in way])
+        step, offset = np.diff(line, axis=0)[:, None], discs[:, :2] - line[:-1, None]
+        share = np.clip(exact.dot(offset, step) / np.maximum(exact.dot(step, step), 1e-12), 0.0, 1.0)
+        barred = np.asarray((exact.norm(offset - share[..., None] * step) < discs[:, 2]).any(axis=1))
+        ends = [-1, *np.flatnonzero(barred).tolist(), len(barred)]
+        runs += [way[first + 1 : last + 1] for first, last in pairwise(ends)]
+    ways = tuple(run for run in runs if len(run) > 1)
+    kept = {name for run in (*ways, *walks.crosswalks) for name in run}
+    nodes = {name: at for name, at in walks.nodes.items() if name in kept}
+    return MapWays(nodes, ways, walks.crosswalks) if ways else walks
 
 
 def _ground(loop: MapLane, nodes: Mapping[str, Any]) -> Floats:

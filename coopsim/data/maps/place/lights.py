@@ -18,7 +18,9 @@ Crosswalks = Mapping[str, tuple[str, str]]
 """Two nodes of people's ways, by the id of the crossing."""
 
 _LONGEST_S, _SHORTEST_S = 120.0, 1.0  # a program with a longer phase does not run by itself; shorter ones are left out
-_LETTERS = str.maketrans("oOsu", "gggr")  # off; a turn after a stop; red and yellow
+LETTERS_OF_SUMO = str.maketrans("oOsu", "gggr")
+"""Off; a turn after a stop; red and yellow."""
+
 _SPEED_M_S = 13.9
 _MIRRORED: Mapping[Turn, Turn] = {"left": "right", "right": "left"}
 _BESIDE_M, _OVER_M = 10.0, 1.5  # of lanes beside a junction that crossings belong to; from their middles to crossings
@@ -79,7 +81,7 @@ def _groups(strips: Sequence[Strip], lights: Mapping[str, str | None]) -> tuple[
 def _phases(program: SignalProgram, links: Sequence[int]) -> tuple[MapPhase, ...]:
     """Return the phases of a program for some links; none where one lasts too long, or a link is never green."""
     rows = [
-        (seconds, "".join(state[link] for link in links).translate(_LETTERS))
+        (seconds, "".join(state[link] for link in links).translate(LETTERS_OF_SUMO))
         for seconds, state in program.phases
         if seconds >= _SHORTEST_S
     ]

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from coopsim.geometry import exact
-from coopsim.geometry.outlines import along_of
+from coopsim.geometry.outlines import along_of, keep_corners
 from coopsim.geometry.se3 import Floats, wrap_angle
-from coopsim.support.kernels import njit
-from coopsim.types import Mask
 
 ACCURACY_M = 0.05
 """Farthest that points which are left out may lie from the line."""
@@ -17,6 +15,7 @@ _ROUNDING_M = 1e-6
 _NEAR_M = 0.15  # points nearer to the one before are left out
 _SHARP_RAD, _SHORT_M = np.radians(40.0), 2.0  # corners that are left out
 _CORNER_RAD = np.radians(25.0)  # corners that are sharper are made round
+_SLIGHT_RAD, _LONG_M = np.radians(8.0), 2.0  # and so are slighter ones, where there is so much room
 _CORNER_M = 4.0  # from a corner, at most, where the round begins
 _PULL = 0.4  # of the way between the ends, which a curve follows their directions
 _CURVE_M = 1.5
@@ -52,9 +51,10 @@ def rounded(line: Floats, width_m: Floats) -> tuple[Floats, Floats]:
     line, width_m = _blunt(line[kept], width_m[kept])
     for _ in range(2):
         along = along_of(line)
-        sharp = 1 + np.flatnonzero(turns_rad(line) > _CORNER_RAD)
-        reach_m = np.minimum(np.minimum(np.diff(along)[sharp - 1], np.diff(along)[sharp]) / 3, _CORNER_M)
-        sharp, reach_m = sharp[reach_m > _NEAR_M], reach_m[reach_m > _NEAR_M]
+        turns, steps = turns_rad(line), np.diff(along)
+        reach_m = np.minimum(np.minimum(steps[:-1], steps[1:]) / 3, _CORNER_M)
+        cut = (reach_m > np.where(turns > _CORNER_RAD, _NEAR_M, _LONG_M)) & (turns > _SLIGHT_RAD)
+        sharp, reach_m = 1 + np.flatnonzero(cut), reach_m[cut]
         at = np.sort(np.concatenate([np.delete(along, sharp), along[sharp] - reach_m, along[sharp] + reach_m]))
         line = np.column_stack([np.interp(at, along, column) for column in line.T])
         width_m = np.asarray(np.interp(at, along, width_m))
@@ -100,31 +100,5 @@ def spaced(line: Floats, step_m: float) -> Floats:
 
 def simplified(line: Floats, width_m: Floats) -> tuple[Floats, Floats]:
     """Leave out points that lie nearly on the line, where the width, too, hardly differs."""
-    kept = _needed(np.column_stack([line[:, :2], width_m]), ACCURACY_M)
+    kept = keep_corners(np.column_stack([line[:, :2], width_m]), ACCURACY_M)
     return line[kept], width_m[kept]
-
-
-@njit(cache=True, nogil=True)
-def _needed(points: Floats, accuracy_m: float) -> Mask:
-    """Return the mask (K,) of points (K, 3) that the method of Douglas and Peucker (1973) keeps."""
-    count = len(points)
-    kept = np.zeros(count, np.bool_)
-    kept[0] = kept[-1] = True
-    spans = [(0, count - 1)]
-    while len(spans):
-        first, last = spans.pop()
-        step = points[last] - points[first]
-        square = max(step[0] * step[0] + step[1] * step[1], 1e-12)
-        worst, at = accuracy_m * accuracy_m, -1
-        for k in range(first + 1, last):
-            offset = points[k] - points[first]
-            share = min(max((offset[0] * step[0] + offset[1] * step[1]) / square, 0.0), 1.0)
-            gap = offset - share * step
-            apart = gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2]
-            if apart > worst:
-                worst, at = apart, k
-        if at >= 0:
-            kept[at] = True
-            spans.append((first, at))
-            spans.append((at, last))
-    return kept

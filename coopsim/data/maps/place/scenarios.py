@@ -81,10 +81,11 @@ def as_point(given: Any) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class _Needs:
-    """Needs of the agents: starts, and places for roadside units."""
+    """Needs of the agents: starts, places for roadside units, and starts from where one can drive without end."""
 
     starts: int
     rsus: int
+    stays: int = 0
 
     def lacking(self, place: Place) -> str | None:
         """Say what a place lacks; None: nothing."""
@@ -93,6 +94,9 @@ class _Needs:
             return f"places with less than {self.starts} starts for vehicles"
         if len(layout.rsus) < self.rsus:
             return f"places with less than {self.rsus} places for roadside units"
+        endless = layout.network.endless
+        if sum(slot.lane[:2] in endless for slot in layout.slots) < self.stays:
+            return "places that connected cars would have to leave"
         return None
 
 
@@ -143,7 +147,7 @@ def draw_place(file: _File, options: MapOptions, place_seed: int, needs: _Needs)
     if options.around is not None:
         assert not isinstance(options.around, str), "it was read"
         _require_near(file, options.around)
-        return _built(file, options, options.around, place_seed, needs)
+        return _built(file, options, options.around, place_seed, replace(needs, stays=0))
     found = file.places_in(options.radius_m)
     reasons = dict(found.left_out)
     for k in range(len(found.centres)):
@@ -223,29 +227,35 @@ class MapScenarios(EpisodeScenarios):
         elif "vehicles" not in numbers:
             raise InvalidValueError("penetration needs vehicles in places of a map: the agents must be the same in all")
         most = self._wanted(_USUAL)
-        self._needs = _Needs(3 * most.connected, most.rsus)
+        self._needs = _Needs(3 * most.connected, most.rsus, most.connected)
         self._find_first("rsus" in numbers)
         self.most_actors = sum(most.on_roads.values()) + sum(most.people.values()) + most.parked
         self.most_actors += MOST_BYSTANDERS if self._detail == "street" else 0
 
     def _find_first(self, units_asked: bool) -> None:
-        """Require a place for the first episode; without units if none was asked for, and no place has room for one."""
-        try:
-            self.of(0)
-        except InvalidValueError:
-            if units_asked:
-                raise
-            self._asked["rsus"] = 0
-            self._needs = replace(self._needs, rsus=0)
-            self.of(0)
+        """Require a place for the first episode.
+
+        Where there is none, cars may have to leave it; it has no units if none was asked for and no place has room.
+        """
+        choices = [self._needs, replace(self._needs, stays=0)]
+        choices += [] if units_asked else [replace(needs, rsus=0) for needs in choices]
+        for left, self._needs in zip(reversed(range(len(choices))), choices, strict=True):
+            self._asked["rsus"] = min(self._asked["rsus"], self._needs.rsus)
+            try:
+                self.of(0)
+                return
+            except InvalidValueError:
+                if not left:
+                    raise
 
     def of(self, seed: int) -> Scenario:
         """Return the scenario of the place that belongs to the episode with this seed."""
         place_seed = self._seeds.of(seed)
         place = draw_place(self._file, self._options, place_seed, self._needs)
         layout = place.make_layout()
-        vehicles = max(self._needs.starts, min(_USUAL.vehicles, int(_FREE_SHARE * len(layout.slots))))
-        population = self._fitting(self._wanted(replace(_USUAL, vehicles=vehicles)), layout)
+        most = max(self._needs.starts, int(_FREE_SHARE * len(layout.slots)))
+        population = self._fitting(self._wanted(replace(_USUAL, vehicles=min(_USUAL.vehicles, most))), layout)
+        population = population.within(most, *rooms(layout)[0][1])  # more would stand in jams
         made = make_scenario(place, detail=self._detail, **population.numbers)
         return replace(made, name=self.name, place_seed=place_seed)
 

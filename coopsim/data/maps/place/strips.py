@@ -24,6 +24,7 @@ from coopsim.data.maps.place.lines import (
     turns_rad,
 )
 from coopsim.data.maps.street_map import StreetLane, StreetMap, StreetWay, Turn
+from coopsim.geometry import exact
 from coopsim.geometry.outlines import along_of
 from coopsim.geometry.se3 import Floats
 
@@ -34,7 +35,10 @@ _JOIN_M, _APART_M = 30.0, 45.0  # of lanes that join: the last metres, where lan
 _BESIDE_M = 8.0  # between the ends of lanes beside each other
 _SHIFT = 10.0  # metres ahead for each metre aside, where a lane opens or closes
 _SHARP_RAD, _KINK_RAD, _AHEAD_M = np.radians(35.0), np.radians(44.0), 2.0
-_TIGHT_M = 3.5  # ways that turn more tightly are left out where one to the next lane does not
+_TIGHT_M, _TURN_M = (
+    3.0,
+    3.0,
+)  # ways that bend more tightly, over such a length, are left out where one to the same road does not
 _NEAR_M, _STEP_M = 2.5, 1.0  # ways over a junction that come nearer than this conflict
 
 
@@ -113,11 +117,10 @@ def strips_of(streets: StreetMap) -> Strips:
         )
     bent = {way.id: _bent(way, streets) for way in streets.ways.values() if way.turn != "around"}
     tight = {name for name in bent if _radius_m(bent[name][0]) < _TIGHT_M}
+    wide = {_between(streets.ways[name], streets) for name in bent.keys() - tight}
     for name, (line, width_m) in bent.items():
         way = streets.ways[name]
-        beside = streets.lanes[way.end].left, streets.lanes[way.end].right
-        others = [streets.ways[other] for other in bent.keys() - tight]
-        if name not in tight or not any(each.start == way.start and each.end in beside for each in others):
+        if name not in tight or _between(way, streets) not in wide:
             ends = nodes[way.start, 1], nodes[way.end, 0]
             found.all[name] = Strip(name, *ends, line, width_m, way.speed_m_s, way)
     _open_and_close(found)
@@ -129,6 +132,11 @@ def strips_of(streets: StreetMap) -> Strips:
     _smooth(found)
     _join(found)
     return found
+
+
+def _between(way: StreetWay, streets: StreetMap) -> tuple[str, str]:
+    """Return the lane that a way leads from, and the road that it leads to."""
+    return way.start, streets.lanes[way.end].road
 
 
 def _bent(way: StreetWay, streets: StreetMap) -> tuple[Floats, Floats]:
@@ -145,8 +153,12 @@ def _bent(way: StreetWay, streets: StreetMap) -> tuple[Floats, Floats]:
 
 
 def _radius_m(line: Floats) -> float:
-    """Return the mean radius of a line's turn."""
-    return float(along_of(line)[-1]) / max(turn_rad(line[:2], line[-2:]), 1e-6)
+    """Return the least radius of a line's turn, over `_TURN_M`."""
+    points = spaced(line, _STEP_M / 2)
+    step = points[1:] - points[:-1]
+    heading = np.unwrap(exact.arctan2(step[:, 1], step[:, 0]))
+    count = max(min(round(2 * _TURN_M / _STEP_M), len(heading) - 1), 1)
+    return count * _STEP_M / 2 / float(np.abs(heading[count:] - heading[:-count]).max(initial=1e-6))
 
 
 def _near(lane: StreetLane, end: int) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -98,7 +99,10 @@ def test_an_episode_ends_when_the_first_connected_car_leaves(log_path: Path) -> 
         ({"start_s": 99}, InvalidValueError, "start_s=99"),
         ({"vehicles": 4}, UnknownNameError, "vehicles"),
         ({"density": 2}, InvalidValueError, "density must be 1"),
-        ({"control": "planner"}, coopsim.CoopsimError, "control"),
+        ({"control": "policy"}, coopsim.CoopsimError, "control"),
+        ({"lots": True, "map": "gone.xodr"}, InvalidValueError, "lots"),
+        ({"others": "acc"}, coopsim.CoopsimError, "others"),
+        ({"control": "planner", "driven_agents": ("cav_7",)}, coopsim.CoopsimError, "cav_7"),
         ({"radius_m": 5}, InvalidValueError, "radius_m"),
         ({"map": "gone.xodr"}, coopsim.CoopsimError, "gone.xodr"),
         ({"rsus": 1}, InvalidValueError, "rsus must be at most 0"),
@@ -111,3 +115,34 @@ def test_wrong_options_are_one_line(
         coopsim.parallel_env(str(log_path), **options)
     assert said in str(found.value)
     assert "\n" not in str(found.value)
+
+
+def test_cars_of_a_smaller_share_are_among_those_of_a_larger(log_path: Path) -> None:
+    log, drawn = read_log(log_path), set()
+    for seed in range(6):
+        names = []
+        for connected in range(1, 5):
+            wish = Wish(connected=connected, start_s=1.0, around=(30.0, 0.0), least_s=5.0)
+            choice = choose(log, wish, seed)
+            names.append([choice.log.ids[k] for k in choice.connected])
+        assert all(more[: len(few)] == few for few, more in pairwise(names))
+        drawn.add(names[0][0])
+    assert len(drawn) > 1
+
+
+def test_lots_are_drawn_where_nobody_ever_goes(log_path: Path) -> None:
+    scenario = choose_scenarios(str(log_path), cars="a", start_s=1.0, lots=True).of(5)
+    again = choose_scenarios(str(log_path), cars="a", start_s=1.0, lots=True).of(5)
+    none = choose_scenarios(str(log_path), cars="a", start_s=1.0).of(5)
+    assert scenario.played is not None and none.played is not None
+    houses = [part for part in scenario.static if part.name == "building"]
+    outlines = scenario.layout.road_map.buildings
+    assert len(houses) == scenario.played.facts["log_lots"] == len(outlines) > 5
+    assert "log_lots" not in none.played.facts and len(none.static) == 1
+    assert all((a == b).all() for a, b in zip(outlines, again.layout.road_map.buildings, strict=True))
+    log = read_log(log_path)
+    middle = choose(log, Wish(connected=1, ids=("a",), start_s=1.0), 5).middle
+    for outline in outlines:
+        low, high = outline.min(axis=0) + middle, outline.max(axis=0) + middle  # ways are along x or y
+        outside = np.maximum(low - log.place[:, :2], log.place[:, :2] - high).max(axis=1)
+        assert outside.min() > 3.9

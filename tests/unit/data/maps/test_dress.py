@@ -174,3 +174,14 @@ def test_paths_that_meet_have_one_node_there():
     assert min(lengths_m) > 0.2
     (corner,) = (name for name, at in walks.nodes.items() if np.hypot(at[0] - 100.0, at[1] - 60.0) < 0.5)
     assert sum(corner in pair for pair in pairs) == 3
+
+
+def test_lanes_that_end_side_by_side_go_on_in_one_direction_and_others_in_their_own():
+    """Lanes of a bend end at a circle with other headings: each by its own, they would spread as a brush."""
+    ends = {"a": ((0.0, 0.0), (50.0, 0.0)), "b": ((0.0, 3.5), (50.0, 8.0)), "back": ((0.0, 40.0), (0.0, -50.0))}
+    lanes = {name: lane(name, "drive", line(*points)) for name, points in ends.items()}
+    roads = roads_of(replace(crossroads(), lanes=lanes, ways={}, junctions={}))
+    onward = {tuple(piece[:2]): piece[2:4] - piece[:2] for piece in roads.pieces[roads.beyond]}
+    np.testing.assert_allclose(onward[50.0, 0.0], onward[50.0, 8.0], atol=1e-9)
+    assert onward[50.0, 0.0][1] > 0.0
+    np.testing.assert_allclose(onward[0.0, -50.0], [0.0, -60.0], atol=1e-9)

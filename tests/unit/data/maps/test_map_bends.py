@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -36,6 +38,21 @@ def test_vehicles_wait_before_narrow_bends_of_long_lanes() -> None:
     assert sorted(roads) == ["a< a~|", "a~| a~~|", "a~~| a>", "b< b~|", "b~| b~~|", "b~~| b>"]
     assert roads["a~| a~~|"] == pytest.approx(0.5 * np.pi * 8 + 16.0, abs=2.0), "the bend, and what is near"
     assert sum(length_m for road, length_m in roads.items() if "a" in road) == pytest.approx(200 + 4 * np.pi, abs=0.5)
+
+
+def test_a_bend_near_the_end_of_a_lane_is_its_last_part() -> None:
+    lane = corner("a", 8.0, 100.0)
+    short = replace(lane, line=lane.line[:-1], width_m=lane.width_m[:-1])
+    roads = roads_of(short)
+    assert sorted(roads) == ["a< a~|", "a~| a>"]
+    assert roads["a~| a>"] == pytest.approx(4 * np.pi + 8.0, abs=2.0)
+
+
+def test_a_bend_too_long_to_wait_before_is_parts_of_one() -> None:
+    angle = np.linspace(0.0, 2.5 * np.pi, 60)
+    line = np.column_stack([10.0 * np.cos(angle), 10.0 * np.sin(angle), np.zeros(60)])
+    roads = roads_of(StreetLane("a", "a", "drive", line, np.full(60, 4.0)))
+    assert len(roads) == 2 and max(roads.values()) < 40.0 and sum(roads.values()) == pytest.approx(25 * np.pi, abs=0.5)
 
 
 @pytest.mark.parametrize(

@@ -8,20 +8,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lit_crossing import crossing
 from tiny_maps import SUMO, THREE_ROADS, written
 
 from coopsim.data.maps.place.clear import clear_of_roads
-from coopsim.data.maps.place.cut import cut_out
+from coopsim.data.maps.place.cut import cut_out, distances_m
 from coopsim.data.maps.place.describe import describe_place
 from coopsim.data.maps.place.lines import rounded, simplified, turns_rad
 from coopsim.data.maps.place.rights import add_yields
+from coopsim.data.maps.place.scenarios import _Needs
 from coopsim.data.maps.place.strips import Strip, strips_of
 from coopsim.data.maps.reading import read_map
 from coopsim.data.maps.street_map import SignalProgram, StreetJunction, StreetLane, StreetMap, StreetWay, Turn
-from coopsim.errors import InvalidValueError, UnknownNameError
+from coopsim.errors import CrowdedWarning, InvalidValueError, UnknownNameError
 from coopsim.world.custom.conflicts import conflicting_roads
+from coopsim.world.custom.place import place_from
 from coopsim.world.drawn_places import choose_scenarios, find_drawer, is_place_file
-from coopsim.world.places.description import MapBay, MapLane
+from coopsim.world.places.description import MapBay, MapLane, MapWays
 from coopsim.world.places.polyline import PolylineLane
 from coopsim.world.places.road_network import RoadNetwork
 
@@ -141,6 +144,57 @@ def test_points_that_are_not_needed_are_left_out_and_corners_are_round() -> None
     assert np.degrees(turns_rad(smooth).max()) < 30 and smooth[[0, -1]].tolist() == line[[0, -1]].tolist()
 
 
+def test_slight_corners_of_long_pieces_are_round_too() -> None:
+    line = np.array([[0.0, 0.0, 0.0], [40.0, 0.0, 0.0], [80.0, 9.0, 0.0]])
+    smooth, _ = rounded(line, np.full(3, 3.2))
+    assert np.degrees(turns_rad(smooth).max()) < np.degrees(turns_rad(line).max()) / 2 + 0.1
+    assert distances_m([smooth], line[1, :2])[0] < 0.5
+    short = np.vstack([line, [[83.0, 10.5, 0.0]]])
+    assert rounded(short, np.full(4, 3.2))[0][-2:].tolist() == short[-2:].tolist()
+
+
+def test_a_place_that_connected_cars_would_have_to_leave_lacks_something() -> None:
+    place = place_from(crossing(), "cut")
+    assert _Needs(3, 0).lacking(place) is None
+    assert _Needs(3, 0, stays=1).lacking(place) == "places that connected cars would have to leave"
+
+
+@pytest.mark.parametrize(("length_m", "beyond_m"), [(200.0, 0.0), (45.0, 32.0)])
+def test_loops_lie_within_the_place_where_lanes_are_long_enough(length_m: float, beyond_m: float) -> None:
+    half_m = length_m / 2
+    described = describe_place(map_of(lane("a", (-half_m, 0), (half_m, 0)), lane("b", (half_m, 4), (-half_m, 4))), 0)
+    assert [road.turn for road in described.roads].count("around") == 2
+    layout = place_from(described, "loops").make_layout()
+    reach_m = max(
+        float(np.abs(each.positions(np.linspace(0, each.length, 9), 0.0)).max())
+        for each in layout.network.lanes.values()
+    )
+    assert half_m + beyond_m - 5 < reach_m < half_m + beyond_m + 1
+
+
+def test_vehicles_in_two_loops_do_not_meet() -> None:
+    pairs = [
+        (lane(f"a{k}", (-80, y), (80, y)), lane(f"b{k}", (80, y + 4), (-80, y + 4))) for k, y in enumerate((0.0, 21.0))
+    ]
+    described = describe_place(map_of(*pairs[0], *pairs[1]), 0)
+    lanes = place_from(described, "loops").make_layout().network.lanes
+    loops = [(road.start, road.end) for road in described.roads if road.turn == "around"]
+    lines = [
+        np.concatenate(
+            [
+                each.positions(np.linspace(0, each.length, 30), 0.0)
+                for name, each in lanes.items()
+                if f"{start}>{end}." in name[0]
+            ]
+        )
+        for start, end in loops
+    ]
+    assert len(lines) > 2
+    for k, line in enumerate(lines):
+        for other in lines[:k]:
+            assert np.hypot(*(line[:, None] - other).transpose(2, 0, 1)).min() > 5.0
+
+
 def test_a_map_is_a_scenario_by_its_path(tmp_path: Path) -> None:
     path = str(written(tmp_path, THREE_ROADS, "map.xodr"))
     assert is_place_file(path) and is_place_file(Path(path)) and not is_place_file("town")
@@ -172,14 +226,25 @@ def test_a_map_without_a_place_for_a_unit_has_none_unless_asked_for(tmp_path: Pa
         choose_scenarios(path, rsus=1, **options)  # type: ignore[arg-type]
 
 
+def test_vehicles_are_as_many_as_drive_in_a_place(tmp_path: Path) -> None:
+    path = str(written(tmp_path, THREE_ROADS, "map.xodr"))
+    with pytest.warns(CrowdedWarning, match="there is room for 8 of 100 "):
+        scenario = choose_scenarios(
+            path, around=(110.0, -5.0), radius_m=90.0, connected_cars=2, vehicles=100, detail="plain"
+        ).of(3)
+    assert scenario.population.vehicles == 8 == int(0.6 * len(scenario.layout.slots))
+
+
 def test_what_would_stand_on_lanes_or_loops_is_left_out() -> None:
     strips = [Strip("a", "s", "e", np.array([[0.0, 0, 0], [100, 0, 0]]), np.full(2, 3.5), None)]
     nodes = {"e": (100.0, 0.0), "s": (100.0, 5.0)}
     across, along = MapBay((50.0, 4.0), 90.0), MapBay((50.0, -3.4), 0.0)
     in_loop, beyond = MapBay((135.0, 2.5), 0.0), MapBay((140.0, 2.5), 0.0)
-    fields = {"parked": (across, along, in_loop, beyond)}
+    points = {"a": (60.0, -6.0), "b": (80.0, -6.0), "c": (115.0, -40.0), "d": (115.0, 40.0), "e": (80.0, 40.0)}
+    fields = {"parked": (across, along, in_loop, beyond), "walks": MapWays(points, (("a", "b", "c", "d", "e"),))}
     found = clear_of_roads(fields, strips, [MapLane("e", "s", turn="around")], nodes)
     assert found["parked"] == (along, beyond)
+    assert found["walks"].ways == (("a", "b", "c"), ("d", "e")), "nobody walks through a loop"
 
 
 @pytest.mark.parametrize(
@@ -208,14 +273,18 @@ def test_oncoming_vehicles_take_turns_in_a_narrow_bend(radius_m: float, meet: bo
     assert len(conflicting_roads(network)) == (2 if meet else 0)
 
 
-def test_a_turn_that_no_vehicle_can_make_is_left_out_where_one_to_the_next_lane_is_wider() -> None:
+def test_a_turn_that_no_vehicle_can_make_is_left_out_where_one_to_the_same_road_is_wider() -> None:
     lanes = (
         lane("in", (-60, 0), (0, 0)),
-        lane("near", (0, 5), (-60, 5), right="far"),
-        lane("far", (0, 12), (-60, 12), left="near"),
+        replace(lane("near", (0, 5), (-60, 5), right="next"), road="back"),
+        replace(lane("next", (0, 5.4), (-60, 8.5), left="near", right="far"), road="back"),
+        replace(lane("far", (0, 12), (-60, 12), left="next"), road="back"),
     )
-    back = [way("in", "near", "left", (0, 0), (2.5, 2.5), (0, 5)), way("in", "far", "left", (0, 0), (6, 6), (0, 12))]
-    for kept in (back, back[:1]):
+    far = way("in", "far", "left", (0, 0), (6, 6), (0, 12))
+    near = way("in", "near", "left", (0, 0), (2.5, 2.5), (0, 5))
+    hooked = way("in", "near", "left", (0, 0), (10, 0.5), (11.5, 2), (10.5, 3.5), (0, 5))  # wide on the whole
+    after = way("in", "next", "left", (0, 0), (2.7, 2.7), (0, 5.4))
+    for kept in ([near, after, far], [hooked, after, far], [near]):
         streets = replace(
             map_of(*lanes), ways={each.id: each for each in kept}, junctions={"j": StreetJunction("j", "")}
         )

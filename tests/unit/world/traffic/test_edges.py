@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from lit_crossing import crossing
+from test_long_vehicles import CAR, fleet_on
 
 from coopsim.errors import InvalidValueError
 from coopsim.world.custom.place import place_from
@@ -44,6 +45,9 @@ def test_vehicles_come_in_out_of_sight_if_they_can() -> None:
     edges = Edges(layout, NumberedNetwork(layout.network), 0)
     ways_in = np.array([lane.position(4.0, 0.0) for lane in edges._lanes])
     assert [index[0] for index in edges._entries] == ["in0.", "in1.", "in2.", "in3."]
+    short = replace(crossing(), nodes=crossing().nodes | {"in0.": (26.0, 1.6)})
+    edges_there = Edges(place_from(short, "cut").make_layout(), NumberedNetwork(layout.network), 0)
+    assert [index[0] for index in edges_there._entries] == ["in1.", "in2.", "in3."], "12 m before a junction"
     # From the west, houses hide the north and the south, and the east is far.
     assert edges._is_seen(ways_in, np.array([[-80.0, 1.6]])).tolist() == [False, False, True, False]
     assert edges._is_seen(ways_in, np.array([[0.0, 0.0]])).all()
@@ -65,6 +69,16 @@ def ring_with_exits() -> PlaceDescription:
         ),
         cut=True,
     )
+
+
+def test_vehicles_come_in_as_slowly_as_those_far_ahead_ask_for() -> None:
+    long = replace(crossing(), nodes=crossing().nodes | {"in0.": (190.0, 1.6)})
+    layout = place_from(long, "cut").make_layout()
+    network = NumberedNetwork(layout.network)
+    edges = Edges(layout, network, 0)
+    first = [index[0] for index in edges._entries].index("in0.")
+    fleet = fleet_on(network, CAR | {"route": [("in0.", "in0")], "along": 100.0, "speed": 0.0})
+    assert edges._room_m(fleet, first) == pytest.approx(100.0 - CAR["length"] / 2 - 4.0)
 
 
 def test_connected_cars_turn_where_they_can_stay() -> None:

@@ -70,6 +70,8 @@ def two(line: list[tuple[float, float]], other: list[tuple[float, float]], width
 def test_lanes_side_by_side_are_no_conflict_and_opposite_turns_are() -> None:
     straight, right = [(0.0, 0.0), (20.0, 0.0)], [(0.0, -3.2), (6.0, -3.5), (10.0, -6.0), (12.0, -12.0)]
     assert not two(straight, [(0.0, -3.2), (20.0, -3.2)])
+    assert not two(straight, [(0.0, -2.95), (20.0, -2.95)], 3.5)  # as lanes that turn together come to lie
+    assert two(straight, [(0.0, -2.8), (20.0, -2.8)], 3.5)
     assert not two(straight, [(20.0, 3.2), (0.0, 3.2)])  # oncoming
     assert two(straight, [(20.0, 2.2), (0.0, 2.2)])
     assert not two(straight, right)

@@ -8,7 +8,7 @@ import lit_crossing
 import numpy as np
 import pytest
 from lit_crossing import crossing
-from test_long_vehicles import CAR, COACH, NOBODY, TIPPER, fleet_on
+from test_long_vehicles import CAR, COACH, NOBODY, fleet_on
 
 from coopsim.world.custom.place import place_from
 from coopsim.world.scenario import SCENARIOS
@@ -18,6 +18,7 @@ from coopsim.world.traffic.movements import movements_of
 
 Turn = tuple[dict[str, float], tuple[int, int]]
 """A vehicle, and the arms that it comes from and goes to."""
+TIPPER = {"length": 8.3, "width": 2.5, "axle_m": 8.3 / 4}
 _SEEDS = 6
 
 
@@ -70,8 +71,8 @@ def test_a_long_vehicle_turns_without_touching_who_comes_the_other_way(
 
 
 def test_cars_turn_left_together_and_buses_one_after_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    crashed, cars_s = crashes([(CAR, (0, 3)), (CAR, (2, 1))], 14.0, monkeypatch)
-    _, buses_s = crashes([(COACH, (0, 3)), (COACH, (2, 1))], 14.0, monkeypatch)
+    crashed, cars_s = crashes([(CAR, (0, 3)), (CAR, (2, 1))], 12.0, monkeypatch)
+    _, buses_s = crashes([(COACH, (0, 3)), (COACH, (2, 1))], 12.0, monkeypatch)
     assert crashed == 0
     assert cars_s < buses_s - 3
 
@@ -84,7 +85,8 @@ def test_straight_lanes_and_arcs_are_as_they_were(name: str) -> None:
     assert not found.back_m.any()
 
 
-def test_what_is_swept_conflicts_both_ways_and_only_at_junctions() -> None:
+def test_what_is_swept_conflicts_both_ways_and_only_at_junctions(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lit_crossing, "LINE_M", 12.0)
     layout = place_from(crossing(), "crossing").make_layout()
     found = movements_of(NumberedNetwork(layout.network), layout.movements, layout.priority, layout.clearance_m)
     number = {road: k for k, road in enumerate(layout.movements)}

@@ -1,0 +1,211 @@
+"""The question that a benchmark asked, and its answer in sentences: the top of a report."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from coopsim.bench.films.crash_pairs import CRASH, policy_alone
+from coopsim.bench.grid.axis import ATTACKS
+from coopsim.bench.grid.labels import varying_axes
+from coopsim.bench.results.result_table import ResultTable, known_mean
+from coopsim.bench.results.standings import compare_with_best
+from coopsim.bench.safety.lie_costs import COSTS
+from coopsim.bench.safety.paired import (
+    Change,
+    along,
+    by_world,
+    calm,
+    change,
+    compare_runs,
+    is_gain,
+    mean_change,
+)
+from coopsim.bench.text.forms import difference_text, form_of, format_value, interval_beside
+from coopsim.metrics.built_in import BYTES, all_metrics, is_yes_no, less_is_better
+
+_FOUND = ("APBEV", "mAP", "AP")  # how metrics of detection begin
+_OTHERS = 4  # names in a sentence
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A question with its answer.
+
+    Attributes:
+        question: one sentence.
+        verdict: the answer in one sentence, with its interval.
+        points: what else is to be known, each a heading and a sentence.
+    """
+
+    question: str
+    verdict: str
+    points: tuple[tuple[str, str], ...] = ()
+
+    def html(self) -> str:
+        """Return the answer as a section of a page, without the question, which is the page's title."""
+        rows = "".join(f"<dt>{html.escape(head)}</dt><dd>{html.escape(text)}</dd>" for head, text in self.points)
+        return (
+            f'<section id="answer"><p>{html.escape(self.verdict)}</p>{f"<dl>{rows}</dl>" if rows else ""}</section>\n'
+        )
+
+
+def answer_of(table: ResultTable) -> Answer | None:
+    """Answer in the metric that ranks, where as little disturbs as was run; None without a finished run."""
+    metric = next(iter(table.shown), None)
+    competing = [k for k, name in enumerate(table.policies) if name not in table.bounds]
+    if metric is None or not competing or not np.isfinite(table.values(metric)[competing]).any():
+        return None
+    alone = policy_alone(table)
+    sharing = [k for k in competing if k != alone]
+    changes = {k: _change(table, k, calm(table), metric) for k in sharing} if alone is not None else {}
+    known = {k: found for k, found in changes.items() if found is not None}
+    if known:
+        sign = 1.0 if less_is_better(metric) else -1.0
+        best = min(known, key=lambda k: sign * known[k].change.mean)
+        return _shared(table, metric, best, known)
+    return _ranked(table, metric, competing)
+
+
+def _change(table: ResultTable, policy: int, conditions: Sequence[int], metric: str) -> Change | None:
+    return (change if is_yes_no(metric) else mean_change)(table, policy, conditions, metric)
+
+
+def _shared(table: ResultTable, metric: str, best: int, known: dict[int, Change]) -> Answer:
+    """Answer whether messages help, by the policy that they help most."""
+    found, alone = known[best], policy_alone(table)
+    assert alone is not None, "there is a change"
+    policy = found.policy + f", the best of {len(known)} policies," * (len(known) > 1)
+    points = [
+        *_pair("Other policies", _others(table, metric, best, known)),
+        *_pair("What it costs", "; ".join(_costs(table, best))),
+        *_limits(table, metric, best),
+        *_pair("What a liar does", "; ".join(_lies(table, metric, best))),
+    ]
+    if metric == CRASH:
+        question = "Do messages prevent crashes?"
+        text = f"with {policy} the car crashes in {found.sharing:.0f} % instead of {found.alone:.0f} % of "
+        text += f"{found.pairs} episodes: {found.less} crashes avoided, {found.more} caused, a difference of "
+        text += f"{difference_text(found.change, '.0f')} points"
+    else:
+        question, form = f"Do messages help to {_deed(metric)}?", form_of(metric)
+        text = f"with {policy} {metric} is {format_value(found.sharing, form)}, without messages "
+        text += f"({table.policies[alone]}) {format_value(found.alone, form)}: {difference_text(found.change, form)}"
+        text += f" over {table.samples.text}" * (found.pairs > 1)
+    begin = _verdict(found, metric) if found.pairs > 1 else f"In {table.samples.text}, which shows little"
+    return Answer(question, f"{begin}: {text}.", tuple(points))
+
+
+def _verdict(found: Change, metric: str) -> str:
+    """Return yes, no, or that it is not shown."""
+    if is_gain(found, metric):
+        return "Yes"
+    low, high = found.change.low, found.change.high
+    return "No" if (low > 0 if less_is_better(metric) else high < 0) or low == high == 0 else "Not shown"
+
+
+def _deed(metric: str) -> str:
+    if metric.startswith(_FOUND):
+        return "detect"
+    known = all_metrics().get(metric)
+    return "track" if known is not None else f"have a better {metric}"
+
+
+def _others(table: ResultTable, metric: str, best: int, known: dict[int, Change]) -> str:
+    """Say how many other policies gain, and which are not shown to be worse than the best."""
+    others = [k for k in known if k != best]
+    if not others:
+        return ""
+    gains = sum(is_gain(known[k], metric) for k in others)
+    text = f"{gains} of {len(others)} others gain, too"
+    level = [table.policies[k] for k, each in enumerate(compare_with_best(table, metric, calm(table))) if each.unbeaten]
+    return f"{text}; {_listed(level)} not shown to differ from the best" if level else text
+
+
+def _listed(names: Sequence[str]) -> str:
+    some = ", ".join(names[:_OTHERS]) + f" and {len(names) - _OTHERS} more" if len(names) > _OTHERS else _joined(names)
+    return f"{some} {'is' if len(names) == 1 else 'are'}"
+
+
+def _joined(names: Sequence[str]) -> str:
+    return " and ".join([*([", ".join(names[:-1])] if names[1:] else []), names[-1]])
+
+
+def _costs(table: ResultTable, policy: int) -> Iterator[str]:
+    """Yield what an agent sends, and what differs for a driven car besides crashes."""
+    rate = float(known_mean(table.values(BYTES)[policy][calm(table)].ravel(), axis=0))
+    if math.isfinite(rate):
+        yield f"an agent sends {rate / 1e3:,.1f} kB/s" if rate >= 1e3 else f"an agent sends {rate:.0f} bytes/s"
+    changes = {name: change(table, policy, calm(table), name) for name in COSTS if CRASH in table.metrics}
+    texts = [
+        f"{COSTS[name]} {difference_text(found.change, form_of(name))}"
+        for name, found in changes.items()
+        if found is not None
+    ]
+    if texts:
+        yield f"per episode, compared with driving without messages: {', '.join(texts)}"
+
+
+def _limits(table: ResultTable, metric: str, policy: int) -> Iterator[tuple[str, str]]:
+    """Yield where the gain ends on each axis, while nothing else disturbs."""
+    for axis in varying_axes(table.conditions):
+        steps = along(table, axis)
+        tried = [(text, _change(table, policy, conditions, metric)) for text, conditions in steps]
+        found = [(text, each) for text, each in tried if each is not None]
+        if axis.option != ATTACKS and len(found) == len(tried) > 1:
+            yield f"Under {axis.title}", _limit(found, metric)
+
+
+def _limit(found: Sequence[tuple[str, Change]], metric: str) -> str:
+    form = ".0f" if is_yes_no(metric) else form_of(metric)
+    steps = ", ".join(f"{difference_text(each.change, form)} at {text}" for text, each in found)
+    shown = [text for text, each in found if is_gain(each, metric)]
+    if len(shown) == len(found):
+        return f"The gain holds: {steps}."
+    return f"A gain is shown at {_joined(shown)} alone: {steps}." if shown else f"No gain is shown: {steps}."
+
+
+def _lies(table: ResultTable, metric: str, policy: int) -> Iterator[str]:
+    """Yield what each attack changes, against the same runs while nobody lies."""
+    axis = next((each for each in varying_axes(table.conditions) if each.option == ATTACKS and not each.along), None)
+    for attack, conditions in along(table, axis)[1:] if axis is not None else ():
+        twins = [table.conditions[k].changed(attacks="") for k in conditions]
+        if not all(each in table.conditions for each in twins):
+            continue
+        values, honest = table.values(metric)[policy], [table.conditions.index(each) for each in twins]
+        if is_yes_no(metric):
+            before, after = (by_world(table, values, each) for each in (honest, conditions))
+        else:
+            before, after = (table.samples.average(values[each].mean(axis=0)) for each in (honest, conditions))
+        found = compare_runs(table.policies[policy], before, after, metric)
+        if found is not None:
+            form, unit = (".0f", " points") if is_yes_no(metric) else (form_of(metric), "")
+            yield f"with {attack} {metric} changes by {difference_text(found.change, form)}{unit}"
+
+
+def _ranked(table: ResultTable, metric: str, competing: Sequence[int]) -> Answer:
+    """Answer which policy is best, or how good the only one is."""
+    conditions = calm(table)
+    means = {k: table.mean(metric, k, conditions) for k in competing}
+    known = [k for k in competing if not math.isnan(means[k].mean)]
+    if not known:
+        known, conditions = list(competing), list(range(len(table.conditions)))
+        means = {k: table.mean(metric, k, conditions) for k in competing}
+    sign = 1.0 if less_is_better(metric) else -1.0
+    best, form = min(known, key=lambda k: sign * means[k].mean), form_of(metric)
+    value = f"{format_value(means[best].mean, form)} {interval_beside(means[best], form)}".rstrip()
+    text = f"{table.policies[best]} has a {metric} of {value} over {table.samples.text}."
+    costs = _pair("What it costs", "; ".join(_costs(table, best)) if BYTES in table.metrics else "")
+    if len(competing) == 1:
+        return Answer(f"How good is {table.policies[best]}?", text, tuple(costs))
+    level = [table.policies[k] for k, each in enumerate(compare_with_best(table, metric, conditions)) if each.unbeaten]
+    more = f"{_listed(level)} not shown to differ" if level else "all are shown to be worse"
+    return Answer(f"Which policy has the best {metric}?", text, (("Other policies", more), *costs))
+
+
+def _pair(head: str, text: str) -> list[tuple[str, str]]:
+    return [(head, text[0].upper() + text[1:] + ".")] if text else []
