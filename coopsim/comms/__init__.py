@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from coopsim.comms.envelope import decode_features as decode_features
     from coopsim.comms.envelope import decode_points as decode_points
     from coopsim.comms.envelope import decode_tracks as decode_tracks
-    from coopsim.comms.heard_lights import HeardLights as HeardLights
+    from coopsim.comms.received_lights import ReceivedLights as ReceivedLights
     from coopsim.comms.uplinks.once_per_frame import EncodeOnce as EncodeOnce
     from coopsim.comms.uplinks.share_detections import ShareDetections as ShareDetections
     from coopsim.comms.uplinks.share_features import ShareFeatures as ShareFeatures
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "Codec": "coopsim.comms.codecs.codec",
     "ContentUplink": "coopsim.comms.uplinks.uplink",
-    "HeardLights": "coopsim.comms.heard_lights",
+    "ReceivedLights": "coopsim.comms.received_lights",
     "EncodeOnce": "coopsim.comms.uplinks.once_per_frame",
     "ShareDetections": "coopsim.comms.uplinks.share_detections",
     "ShareFeatures": "coopsim.comms.uplinks.share_features",

@@ -48,7 +48,7 @@ class SignalPhases:
         earliest_ds: (G,) earliest time at which it changes: tenths of a second of the hour, or `HOUR_DS` or
             `UNKNOWN_MARK`.
         likely_ds: (G,) likely time at which it changes, alike.
-        revision: that of the junction's `IntersectionMap`, in [0, 127].
+        revision: number of the junction's `IntersectionMap`, in [0, 127].
     """
 
     intersection: int

@@ -90,7 +90,7 @@ class Observation:
         truth: the true objects, in `track` of a policy with `Needs(truth=True)`; None everywhere else.
         attackers: names of the senders that lie, in `track` of such a policy; None everywhere else.
         signals: SPATEM and MAPEM that arrived since the last observation, oldest capture first; none without the option
-            `signal_messages`. `coopsim.comms.HeardLights` reads them.
+            `signal_messages`. `coopsim.comms.ReceivedLights` reads them.
     """
 
     time_ns: int

@@ -132,7 +132,7 @@ class DriveParallel(ParallelEnv[str, Observed, Observed]):  # type: ignore[misc]
         self._trips: dict[str, _Trip] = {}
         self._renderer: BevRenderer | None = None
 
-    def observation_space(self, agent: str) -> spaces.Box:
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
         """Return the space of an agent's observations; always the same object."""
         return self._observed[agent]
 

@@ -211,7 +211,7 @@ class SimulationOptions(PerceptionOptions):
         region_x_m: objects within this distance ahead of and behind the agent count.
         region_y_m: objects within this distance to its left and right count.
         signal_messages: roadside units broadcast the lights of junctions within 50 m of them (SPATEM and MAPEM, with
-            the extra `etsi`), and all agents hear them: see `coopsim.comms.HeardLights`.
+            the extra `etsi`), and all agents hear them: see `coopsim.comms.ReceivedLights`.
         record: file for every frame's world; each `reset` begins it anew.
         playback: such a file, whose world replaces simulated traffic. The population, `dt_s` and (unless fewer are
             asked for) `max_cycles` are then the recording's.

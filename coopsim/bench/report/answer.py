@@ -39,7 +39,7 @@ class Answer:
     Attributes:
         question: one sentence.
         verdict: the answer in one sentence, with its interval.
-        points: what else is to be known, each a heading and a sentence.
+        points: headings with a sentence each, on costs, limits and lies.
     """
 
     question: str

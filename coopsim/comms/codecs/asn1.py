@@ -26,7 +26,7 @@ def compiled(file: str, user: str) -> Any:
 
     Args:
         file: name of the file.
-        user: what needs it, for the error.
+        user: name of the part that needs it, for the error.
 
     Raises:
         MissingDependencyError: asn1tools is not installed.

@@ -13,7 +13,8 @@ from coopsim.data.live.demand import circuits
 from coopsim.data.live.engine import SumoRun
 from coopsim.data.live.episodes import WARM_S, SumoScenarios, scenario_of
 from coopsim.data.logs.play.choice import Wish
-from coopsim.data.maps.export.sumo.network import make_network, plain_files
+from coopsim.data.maps.export.sumo.netconvert import make_network
+from coopsim.data.maps.export.sumo.network import plain_files
 from coopsim.data.maps.export.town_network import town_network
 from coopsim.data.maps.reading import read_map
 from coopsim.data.maps.street_map import StreetMap

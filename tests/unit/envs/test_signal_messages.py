@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from lit_crossing import crossing
 
-from coopsim.comms import HeardLights
+from coopsim.comms import ReceivedLights
 from coopsim.comms.codecs.dsrc import decode_mapem, decode_spatem
 from coopsim.comms.signal_broadcast import SignalBroadcast
 from coopsim.envs.makers import simulation_env
@@ -55,7 +55,7 @@ def frames(env: CooperativeEnv, steps: int) -> list[dict[str, Observation]]:
 
 def test_agents_hear_phases_ten_times_a_second_and_the_map_once() -> None:
     env = lit_env(signal_messages=True)
-    heard = HeardLights()
+    heard = ReceivedLights()
     for k, each in enumerate(frames(env, 11)):
         assert each["rsu_0"].signals == ()  # a unit does not hear itself
         heard.hear(each["cav_1"])
@@ -96,7 +96,7 @@ def standing(x: float, y: float, heading: float, time_ns: int, signals: tuple[by
 
 def test_a_car_knows_the_lights_of_its_own_lane_and_how_long_they_last() -> None:
     signals = frames(lit_env(signal_messages=True), 0)[0]["cav_0"].signals
-    heard = HeardLights()
+    heard = ReceivedLights()
     heard.hear(standing(0, 0, 0, 0, (*signals, *signals[:1], signals[0][:-1], b"")))
     assert heard.rejected == 2
     lights = heard.ahead(standing(40.0, 1.6, np.pi, NS))  # from the east, towards the junction

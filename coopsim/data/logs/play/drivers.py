@@ -63,7 +63,7 @@ class Drivers:
     Attributes:
         now: everybody at the present time.
         track: (R,) tracks that have ways here, rising.
-        commanded: those of them that obey.
+        commanded: numbers of the tracks that obey.
         hit_by_log: (R,) see `CarState`.
     """
 
@@ -154,7 +154,7 @@ class Drivers:
 
     @property
     def arrived(self) -> bool:
-        """Whether a commanded car is at the end of its way."""
+        """True if a commanded car is at the end of its way."""
         return bool((self._along >= self._paths.length - 1e-3)[self._obeys & (self._paths.length >= _STAYS_M)].any())
 
     def _decide(self) -> None:

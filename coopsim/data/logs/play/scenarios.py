@@ -50,7 +50,8 @@ class LogOptions:
         radius_m: radius of the place, 60 to 600 m; road users beyond are left out.
         part: case of a table of INTERACTION; None: the first.
         lots: whether houses are drawn where no road user of the log ever goes; for logs without a map.
-        others: what vehicles do that are not connected: "log" (follow it) or "idm" (react as drivers on their ways).
+        others: behaviour of vehicles that are not connected: "log" (follow it) or "idm" (react as drivers on their
+            ways).
     """
 
     map: str | Path | None = None

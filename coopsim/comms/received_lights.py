@@ -1,4 +1,4 @@
-"""What an agent knows of lights by radio: the newest phases and geometry of each junction that it has heard of."""
+"""Lights by radio: the newest phases and geometry of each junction that an agent received messages of."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class LightAhead(NamedTuple):
     """Time until that changes; NaN: unknown."""
 
 
-class HeardLights:
+class ReceivedLights:
     """Memory of one agent for messages about lights, for one episode.
 
     Attributes:
