@@ -193,7 +193,8 @@ def _sensed(log: TrackLog, each: Encounter, middle: Floats, layout: Layout) -> d
     units = Population(
         vehicles=len(cars), truck_share=0.0, connected_cars=len(cars), rsus=len(layout.rsus), pedestrians=0
     )
-    played = PlayedPart(Choice(part, time_s, time_s, cars, middle))
+    left_s = np.full(len(cars), time_s)
+    played = PlayedPart(Choice(part, time_s, time_s, cars, left_s, middle, log, RADIUS_M))
     world = played.world(Scenario("log", layout, units, "plain", place_seed=each.place, played=played), each.place)
     scene = RayScene(SceneGeometry(world.models, world.static).triangles(world.actors()))
     returns = {name: _returns(scene, body, other + 1) for name, body in world.agents().items()}
