@@ -14,7 +14,8 @@ from coopsim.data.maps.place.lines import spaced
 from coopsim.data.maps.place.strips import Strip
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import Floats
-from coopsim.world.places.description import MapArea, MapBay, MapLane, MapWays
+from coopsim.support.arrays import Ints, numbered
+from coopsim.world.places.description import MapBay, MapLane, MapWays
 from coopsim.world.places.streets import turning_loop
 
 _LEAST_M = {"buildings": 2.3, "walls": 2.3, "trees": 2.3, "rsus": 2.3, "parked": 2.05, "paved": 0.8}
@@ -41,9 +42,7 @@ def clear_of_roads(
         parts = [each for each in fields.get(name, ()) if name != "paved" or each.kind == "pavement"]
         if not parts:
             continue
-        outlines = [_points(each) for each in parts]
-        owner = np.repeat(np.arange(len(parts)), [len(each) for each in outlines])
-        points = np.concatenate(outlines)
+        points, owner = _along([_corners(each) for each in parts])
         beside = np.asarray(tree.query(points, distance_upper_bound=least_m)[0]) < least_m
         near = beside | (exact.norm(points[:, None] - discs[None, :, :2]) < discs[:, 2]).any(axis=1)
         barred = {id(parts[k]) for k in np.unique(owner[near]).tolist()}
@@ -85,15 +84,21 @@ def loop_ground(start: Floats, end: Floats, side_m: float) -> Floats:
     return np.array([[*far, radius_m + side_m], [*near, max(wide_m / 2, reach_m / 2) + side_m]])
 
 
-def _points(part: Any) -> Floats:
-    """Return points (N, 2) of a part: its place, or along its line, its outline or that of its vehicle."""
-    line = getattr(part, "outline", None) or getattr(part, "along", None)
+def _along(outlines: Sequence[Floats]) -> tuple[Floats, Ints]:
+    """Return points (N, 2) at most `_STEP_M` apart along closed outlines, and the outline's number (N,) of each."""
+    counts = np.array([len(each) for each in outlines])
+    owner, place = numbered(counts)
+    corners = np.concatenate(outlines)
+    following = np.arange(len(corners)) + np.where(place + 1 < counts[owner], 1, 1 - counts[owner])
+    step = corners[following] - corners
+    edge, part = numbered(np.maximum(np.ceil(exact.norm(step) / _STEP_M), 1).astype(np.int64))
+    share = part / np.bincount(edge)[edge]
+    return corners[edge] + share[:, None] * step[edge], owner[edge]
+
+
+def _corners(part: Any) -> Floats:
+    """Return the corners (N, 2) of a part: its place, its line, its outline or that of its vehicle."""
     if isinstance(part, MapBay):
-        points = vehicle_at(np.array(part.at), float(np.radians(part.heading_deg)))
-    elif not line:
-        return np.array([part.at], dtype=np.float64)
-    else:
-        points = np.array(line, dtype=np.float64)
-    if isinstance(part, MapArea):  # there are thousands, and they are small
-        return points
-    return spaced(np.vstack([points, points[:1]]), _STEP_M)[:, :2]
+        return vehicle_at(np.array(part.at), float(np.radians(part.heading_deg)))[:, :2]
+    line = getattr(part, "outline", None) or getattr(part, "along", None)
+    return np.array(line or [part.at], dtype=np.float64)

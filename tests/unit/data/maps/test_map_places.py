@@ -24,7 +24,7 @@ from coopsim.errors import CrowdedWarning, InvalidValueError, UnknownNameError
 from coopsim.world.custom.conflicts import conflicting_roads
 from coopsim.world.custom.place import place_from
 from coopsim.world.drawn_places import choose_scenarios, find_drawer, is_place_file
-from coopsim.world.places.description import MapBay, MapLane, MapWays
+from coopsim.world.places.description import MapArea, MapBay, MapLane, MapWays
 from coopsim.world.places.polyline import PolylineLane
 from coopsim.world.places.road_network import RoadNetwork
 
@@ -245,6 +245,12 @@ def test_what_would_stand_on_lanes_or_loops_is_left_out() -> None:
     found = clear_of_roads(fields, strips, [MapLane("e", "s", turn="around")], nodes)
     assert found["parked"] == (along, beyond)
     assert found["walks"].ways == (("a", "b", "c"), ("d", "e")), "nobody walks through a loop"
+
+
+def test_a_pavement_that_reaches_over_a_lane_between_its_corners_is_left_out() -> None:
+    strips = [Strip("a", "s", "e", np.array([[0.0, 0, 0], [100, 0, 0]]), np.full(2, 3.5), None)]
+    over, beside = (MapArea(((40.0, 5.0), (60.0, 5.0), (50.0, far_m)), "pavement") for far_m in (-5.0, 2.0))
+    assert clear_of_roads({"paved": (over, beside)}, strips, [], {})["paved"] == (beside,)
 
 
 @pytest.mark.parametrize(
