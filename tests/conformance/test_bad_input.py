@@ -222,7 +222,7 @@ def test_after_an_error_in_the_middle_only_reset_goes_on(make_small: Make, part:
         ({"max_cycles": 0}, InvalidValueError, "max_cycles must be an integer >= 1"),
         ({"dt_s": 0}, InvalidValueError, "dt_s must be a finite number > 0"),
         ({"uplink": "detection"}, UnknownNameError, "unknown uplink 'detection'. Did you mean 'detections'"),
-        ({"control": "auto"}, UnknownNameError, "unknown control 'auto'.*acceleration, planner, policy, traffic"),
+        ({"control": "auto"}, UnknownNameError, "unknown control 'auto'.*acceleration, planner, policy, steering"),
         ({"control": "planner", "planner": "idm"}, UnknownNameError, "unknown planner 'idm'. Did you mean 'idm_aeb'"),
         ({"control": "planner", "planner": "idm_aeb(gap_m=-1)"}, InvalidValueError, "gap_m must be"),
         ({"control": "planner", "planner": dict}, InvalidValueError, "planner must make a .*Planner, got {}"),

@@ -248,7 +248,7 @@ def test_tracks_are_told_of_whom_has_a_tracker() -> None:
         (lambda: DrivingRows(coopsim.parallel_env("crossing", **CROWDED)), "and be within Driving"),
         (
             lambda: DrivingRows(single(control="policy", driven_agents=None, reward=None)),
-            'cars that control="acceleration" drives',
+            'cars that control="acceleration" or "steering" drives',
         ),
         (lambda: DrivingRows(DrivingRows(single())), "env has such a wrapper already: car"),
     ],

@@ -266,7 +266,8 @@ def _ranked_by(folder: Path, **options: Any) -> tuple[list[str], str, str]:
     shown = Page((folder / "report.html").read_text(encoding="utf-8"))
     boards = [attributes for tag, attributes, _ in shown.elements if tag == "div" and "data-metric" in attributes]
     (first,) = [each["data-metric"] for each in boards if "hidden" not in each]
-    heads = (folder / "report.md").read_text(encoding="utf-8").splitlines()[2].split("|")
+    lines = (folder / "report.md").read_text(encoding="utf-8").splitlines()
+    heads = next(line for line in lines if line.startswith("|")).split("|")
     return [each["name"] for each in shown.data["metrics"]], first, heads[3].strip()
 
 
