@@ -14,16 +14,17 @@ from coopsim.bench.grid.axis import ATTACKS
 from coopsim.bench.grid.labels import varying_axes
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.standings import compare_with_best
-from coopsim.bench.safety.lie_costs import COSTS
+from coopsim.bench.safety.lie_costs import COSTS, attacked
 from coopsim.bench.safety.paired import (
     Change,
-    along,
+    Pairing,
+    by_sample,
     by_world,
     calm,
     change,
+    changes_along,
     compare_runs,
     is_gain,
-    mean_change,
 )
 from coopsim.bench.text.forms import difference_text, form_of, format_value, interval_beside
 from coopsim.metrics.built_in import BYTES, all_metrics, is_yes_no, less_is_better
@@ -62,7 +63,7 @@ def answer_of(table: ResultTable) -> Answer | None:
         return None
     alone = policy_alone(table)
     sharing = [k for k in competing if k != alone]
-    changes = {k: _change(table, k, calm(table), metric) for k in sharing} if alone is not None else {}
+    changes = {k: change(table, k, calm(table), metric, _pairing(metric)) for k in sharing} if alone is not None else {}
     known = {k: found for k, found in changes.items() if found is not None}
     if known:
         sign = 1.0 if less_is_better(metric) else -1.0
@@ -71,8 +72,9 @@ def answer_of(table: ResultTable) -> Answer | None:
     return _ranked(table, metric, competing)
 
 
-def _change(table: ResultTable, policy: int, conditions: Sequence[int], metric: str) -> Change | None:
-    return (change if is_yes_no(metric) else mean_change)(table, policy, conditions, metric)
+def _pairing(metric: str) -> Pairing:
+    """Return what a pair is: an episode of a metric that says yes or no, else a sample, as `coopsim compare` has it."""
+    return by_world if is_yes_no(metric) else by_sample
 
 
 def _shared(table: ResultTable, metric: str, best: int, known: dict[int, Change]) -> Answer:
@@ -153,10 +155,8 @@ def _costs(table: ResultTable, policy: int) -> Iterator[str]:
 def _limits(table: ResultTable, metric: str, policy: int) -> Iterator[tuple[str, str]]:
     """Yield where the gain ends on each axis, while nothing else disturbs."""
     for axis in varying_axes(table.conditions):
-        steps = along(table, axis)
-        tried = [(text, _change(table, policy, conditions, metric)) for text, conditions in steps]
-        found = [(text, each) for text, each in tried if each is not None]
-        if axis.option != ATTACKS and len(found) == len(tried) > 1:
+        found = changes_along(table, axis, policy, metric, _pairing(metric)) if axis.option != ATTACKS else []
+        if len(found) > 1:
             yield f"Under {axis.title}", _limit(found, metric)
 
 
@@ -171,16 +171,9 @@ def _limit(found: Sequence[tuple[str, Change]], metric: str) -> str:
 
 def _lies(table: ResultTable, metric: str, policy: int) -> Iterator[str]:
     """Yield what each attack changes, against the same runs while nobody lies."""
-    axis = next((each for each in varying_axes(table.conditions) if each.option == ATTACKS and not each.along), None)
-    for attack, conditions in along(table, axis)[1:] if axis is not None else ():
-        twins = [table.conditions[k].changed(attacks="") for k in conditions]
-        if not all(each in table.conditions for each in twins):
-            continue
-        values, honest = table.values(metric)[policy], [table.conditions.index(each) for each in twins]
-        if is_yes_no(metric):
-            before, after = (by_world(table, values, each) for each in (honest, conditions))
-        else:
-            before, after = (table.samples.average(values[each].mean(axis=0)) for each in (honest, conditions))
+    values, pairs = table.values(metric)[policy], _pairing(metric)
+    for attack, honest, conditions in attacked(table):
+        before, after = (pairs(table, values, each) for each in (honest, conditions))
         found = compare_runs(table.policies[policy], before, after, metric)
         if found is not None:
             form, unit = (".0f", " points") if is_yes_no(metric) else (form_of(metric), "")

@@ -42,20 +42,28 @@ class LieCost:
 def lie_costs(table: ResultTable) -> Iterator[LieCost]:
     """Yield the costs of every attack for every policy that listens, while nothing else disturbs.
 
-    A pair is a situation with a seed. Attacks that come only together with another disturbance have no honest twin.
+    A pair is a situation with a seed.
     """
-    axis = next((each for each in varying_axes(table.conditions) if each.option == ATTACKS and not each.along), None)
-    if axis is None or CRASH not in table.metrics:
-        return
-    for attack, conditions in along(table, axis)[1:]:
-        twins = [table.conditions[k].changed(attacks="") for k in conditions]
-        honest = [table.conditions.index(each) for each in twins if each in table.conditions]
-        for policy in _listening(table) if len(honest) == len(conditions) else ():
+    for attack, honest, conditions in attacked(table) if CRASH in table.metrics else ():
+        for policy in _listening(table):
             found = {name: _change(table, name, policy, honest, conditions) for name in (CRASH, *COSTS)}
             crash = found.pop(CRASH)
             if crash is not None:
                 known = {name: each for name, each in found.items() if each is not None}
                 yield LieCost(attack, table.policies[policy], crash, known)
+
+
+def attacked(table: ResultTable) -> Iterator[tuple[str, list[int], list[int]]]:
+    """Yield each attack with the numbers of the honest conditions, and of the same under it; all else is mildest.
+
+    Attacks that come only together with another disturbance have no honest twin, and are left out.
+    """
+    axis = next((each for each in varying_axes(table.conditions) if each.option == ATTACKS and not each.along), None)
+    for attack, conditions in along(table, axis)[1:] if axis is not None else ():
+        twins = [table.conditions[k].changed(attacks="") for k in conditions]
+        honest = [table.conditions.index(each) for each in twins if each in table.conditions]
+        if len(honest) == len(conditions):
+            yield attack, honest, conditions
 
 
 def _listening(table: ResultTable) -> list[int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,29 +47,23 @@ class Change:
     p_value: float
 
 
-def change(table: ResultTable, policy: int, conditions: Sequence[int], metric: str = CRASH) -> Change | None:
+Pairing = Callable[[ResultTable, Floats, Sequence[int]], Floats]
+"""Values (N,) of pairs from values (C, S) and the numbers of conditions: `by_world` or `by_sample`."""
+
+
+def change(
+    table: ResultTable, policy: int, conditions: Sequence[int], metric: str = CRASH, pairing: Pairing | None = None
+) -> Change | None:
     """Compare a policy with the one that sends nothing in some conditions; None without a pair.
 
-    A pair is a situation with a seed; conditions of one situation are averaged. Where the policy without messages was
+    A pair is that of `pairing`, by default a situation with a seed (`by_world`). Where the policy without messages was
     not run in a condition, its run in the mildest one stands for it: what messages suffer does not reach it.
     """
     alone = _without_messages(table, conditions, metric)
     if alone is None:
         return None
-    before, after = (by_world(table, each, conditions) for each in (alone, table.values(metric)[policy]))
-    return compare_runs(table.policies[policy], before, after, metric)
-
-
-def mean_change(table: ResultTable, policy: int, conditions: Sequence[int], metric: str) -> Change | None:
-    """Compare means over conditions of a policy with those of the one that sends nothing; None without a pair.
-
-    A pair is a sample of the table: a seed, or a drawn place. As for `change`, the mildest condition may stand in.
-    """
-    alone = _without_messages(table, conditions, metric)
-    if alone is None:
-        return None
-    both = (alone, table.values(metric)[policy])
-    before, after = (table.samples.average(each[list(conditions)].mean(axis=0)) for each in both)
+    pairs = pairing or by_world
+    before, after = (pairs(table, each, conditions) for each in (alone, table.values(metric)[policy]))
     return compare_runs(table.policies[policy], before, after, metric)
 
 
@@ -117,6 +111,11 @@ def by_world(table: ResultTable, values: Floats, conditions: Sequence[int]) -> F
     return np.concatenate(rows)
 
 
+def by_sample(table: ResultTable, values: Floats, conditions: Sequence[int]) -> Floats:
+    """Return the means (N,) of values (C, S) over conditions, by sample of the table: a seed, or a drawn place."""
+    return table.samples.average(values[list(conditions)].mean(axis=0))
+
+
 def calm(table: ResultTable, scenario: str | None = None) -> list[int]:
     """Return the numbers of the mildest condition of every scenario, or of one."""
     chosen = [table.conditions.index(each) for each in mildest(table.conditions)]
@@ -129,6 +128,15 @@ def along(table: ResultTable, axis: Axis) -> list[tuple[str, list[int]]]:
     texts = values_of(axis, [table.conditions[k] for k in chosen])
     by_harm = list(texts) if axis.named else sorted(texts, key=axis.harm)
     return [(texts[value], [k for k in chosen if axis.value(table.conditions[k]) == value]) for value in by_harm]
+
+
+def changes_along(
+    table: ResultTable, axis: Axis, policy: int, metric: str = CRASH, pairing: Pairing | None = None
+) -> list[tuple[str, Change]]:
+    """Return the changes of a policy at the values of an axis, in words, the mildest first; empty where one lacks."""
+    tried = [(text, change(table, policy, conditions, metric, pairing)) for text, conditions in along(table, axis)]
+    found = [(text, each) for text, each in tried if each is not None]
+    return found if len(found) == len(tried) else []
 
 
 def gone_at(axis: Axis, steps: Sequence[tuple[str, Change]]) -> str:

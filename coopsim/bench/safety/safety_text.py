@@ -15,7 +15,7 @@ from coopsim.bench.grid.labels import varying_axes
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import Interval, holm
 from coopsim.bench.safety.lie_costs import CRASH_HEADS, cost_heads, cost_rows, crash_rows
-from coopsim.bench.safety.paired import Change, along, calm, change, gone_at, rank_correlation
+from coopsim.bench.safety.paired import Change, along, calm, change, changes_along, gone_at, rank_correlation
 from coopsim.bench.text.forms import difference_text, form_of, format_value, markdown_table, mean_cells, sections_text
 from coopsim.metrics.built_in import BYTES
 from coopsim.metrics.driving import DRIVING
@@ -172,17 +172,15 @@ def gone_tables(table: ResultTable) -> list[tuple[Axis, list[str], list[list[str
     """Return for each axis the headings and rows of text of differences along it, and where the gain ends."""
     tables = []
     for axis in varying_axes(table.conditions):
-        steps = along(table, axis)
         rows = []
         for k in _competitors(table):
-            tried = [(text, change(table, k, conditions)) for text, conditions in steps]
-            found = [(text, each) for text, each in tried if each is not None]
-            if table.policies[k] in table.bounds or len(found) < len(tried):
+            found = changes_along(table, axis, k) if table.policies[k] not in table.bounds else []
+            if not found:
                 continue
             cells = [difference_text(each.change, ".1f") for _, each in found]
             rows.append([table.policies[k], *cells, gone_at(axis, found)])
         if rows:
-            heads = ["policy", *(text for text, _ in steps), "gone under" if axis.named else "gone at"]
+            heads = ["policy", *(text for text, _ in along(table, axis)), "gone under" if axis.named else "gone at"]
             tables.append((axis, heads, rows))
     return tables
 
