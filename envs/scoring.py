@@ -125,10 +125,7 @@ class ScoredView(Recorder):
             self._renderer = BevRenderer(self._road_map, all_tracks=self._all_tracks)
         self._renderer.show_map(self._road_map)
         frame = self.bev_frame(points=True, ego=ego)
-        if mode == "human":
-            self._renderer.show(frame)
-            return None
-        return self._renderer.draw(frame)
+        return self._renderer.render(frame, mode)
 
     def close(self) -> None:
         """Close the window."""

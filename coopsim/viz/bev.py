@@ -90,6 +90,13 @@ class BevRenderer:
             self._ground = None
         self._map = road_map
 
+    def render(self, frame: BevFrame, mode: str) -> NDArray[np.uint8] | None:
+        """Return an image for the mode "rgb_array"; show it in a window for "human"."""
+        if mode == "human":
+            self.show(frame)
+            return None
+        return self.draw(frame)
+
     def draw(self, frame: BevFrame) -> NDArray[np.uint8]:
         """Return the image, (H, W, 3) uint8; needs no display."""
         self._paint(frame)

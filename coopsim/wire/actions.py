@@ -167,6 +167,22 @@ def checked_numbers(agent: str, command: str, given: Any) -> float | tuple[float
     return (first, second[0]) if second else float(first)
 
 
+def require_agents(actions: object, agents: Sequence[str]) -> Mapping[str, Any]:
+    """Return actions by agent, if they are of exactly these agents.
+
+    Raises:
+        InvalidActionError: an agent is unknown or missing, or they are not by agent.
+    """
+    if not isinstance(actions, Mapping):
+        raise InvalidActionError(f"actions are a dict by agent, got {type(actions).__name__}")
+    unknown, missing = set(actions) - set(agents), set(agents) - set(actions)
+    if unknown or missing:
+        wrong = [f"unknown: {sorted(map(str, unknown))}"] * bool(unknown)
+        wrong += [f"missing: {sorted(missing)}"] * bool(missing)
+        raise InvalidActionError(f"actions need exactly the agents {list(agents)}; {', '.join(wrong)}")
+    return actions
+
+
 def unpack_actions(
     agents: Sequence[str],
     actions: object,
@@ -187,13 +203,7 @@ def unpack_actions(
     Raises:
         InvalidActionError: an agent is unknown or missing, or its action is malformed.
     """
-    if not isinstance(actions, Mapping):
-        raise InvalidActionError(f"actions are a dict by agent, got {type(actions).__name__}")
-    unknown, missing = set(actions) - set(agents), set(agents) - set(actions)
-    if unknown or missing:
-        wrong = [f"unknown: {sorted(map(str, unknown))}"] * bool(unknown)
-        wrong += [f"missing: {sorted(missing)}"] * bool(missing)
-        raise InvalidActionError(f"actions need exactly the agents {list(agents)}; {', '.join(wrong)}")
+    actions = require_agents(actions, agents)
     tracks: dict[str, Tracks] = {}
     given: dict[str, Command] = {}
     said: dict[str, Said] = {}

@@ -19,14 +19,14 @@ from coopsim.envs.drive.reward import RouteReward
 from coopsim.envs.options import sort_options
 from coopsim.envs.rewards import DriveStep, total
 from coopsim.envs.simulated.simulation_options import SimulationOptions
-from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError
+from coopsim.errors import EpisodeStateError, InvalidValueError
 from coopsim.metrics.evaluator import FrameCounts
 from coopsim.support.checks import require_count, require_frame_time, require_instance, require_positive
 from coopsim.support.rng import fresh_seed, require_seed
 from coopsim.types import seconds_to_ns
 from coopsim.types.driving import STEERING, CarState
 from coopsim.viz.bev import BevFrame, BevRenderer
-from coopsim.wire.actions import checked_numbers, command_space
+from coopsim.wire.actions import checked_numbers, command_space, require_agents
 from coopsim.world.drawn_places import choose_scenarios, find_drawer
 from coopsim.world.population import Population
 from coopsim.world.scenario import Place
@@ -210,10 +210,7 @@ class DriveParallel(ParallelEnv[str, Observed, Observed]):  # type: ignore[misc]
         ego = (self.agents or self.possible_agents)[0]
         time_ns = seconds_to_ns(self._step * self._dt_s)
         frame = BevFrame(time_ns, self._actors, self._bodies, np.zeros((0, 3)), {}, (), ego)
-        if self.render_mode == "human":
-            self._renderer.show(frame)
-            return None
-        return self._renderer.draw(frame)
+        return self._renderer.render(frame, self.render_mode)
 
     def close(self) -> None:
         """Close the window."""
@@ -227,9 +224,7 @@ class DriveParallel(ParallelEnv[str, Observed, Observed]):  # type: ignore[misc]
     def _running(self, actions: object) -> list[str]:
         if not self.agents:
             raise EpisodeStateError("there is no running drive: call reset to begin an episode")
-        if not isinstance(actions, Mapping) or set(actions) != set(self.agents):
-            got = sorted(map(str, actions)) if isinstance(actions, Mapping) else repr(actions)
-            raise InvalidActionError(f"actions need exactly the agents {self.agents}, got {got}")
+        require_agents(actions, self.agents)
         return list(self.agents)
 
     def _observe(self, name: str) -> Observed:
