@@ -15,7 +15,7 @@ from pettingzoo.test import parallel_api_test
 
 import coopsim
 from coopsim.envs import DriveEnv, DriveParallel, RouteReward
-from coopsim.envs.drive.surface import Surface
+from coopsim.geometry.surface import Surface
 from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError, UnknownNameError
 from coopsim.types.driving import CarState
 
