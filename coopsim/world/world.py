@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import Floats, SE3Batch, wrap_angle
+from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import uniform_numbers
 from coopsim.types import Ints, Mask
@@ -19,6 +19,7 @@ from coopsim.world.models.model import Model
 from coopsim.world.models.paint import Colors, draw_colors
 from coopsim.world.people.people import MANNERS, People, join_bodies
 from coopsim.world.people.scripted import ScriptedPeople
+from coopsim.world.places.layout import Cars
 from coopsim.world.places.signals import lights_of
 from coopsim.world.scenario import Scenario
 from coopsim.world.script import Script
@@ -176,8 +177,8 @@ class World:
         fleet, groups, resting = self._traffic.fleet, self._groups, self._resting
         runs = [(first, len(each)) for first, each in groups.items()] + [(BYSTANDER_ID, len(resting))]
         identity = np.concatenate([fleet.rows["id"], *(first + np.arange(count) for first, count in runs)])
-        middle = np.empty((len(ground), 3))
-        middle[:, :2], middle[:, 2] = ground, self._layout.heights(ground) + size[:, 2] / 2
+        middle = self._layout.on_ground(ground)
+        middle[:, 2] += size[:, 2] / 2
         # Only people, on foot and riding, have cycles of poses.
         walked_m = [people.travelled_m for people in groups.values()]
         travelled_m = np.concatenate([np.zeros(len(fleet.rows)), *walked_m, np.zeros(len(resting))])
@@ -203,16 +204,9 @@ class World:
 
     def agents(self) -> dict[str, AgentBody]:
         """Return connected cars, then roadside units, then drones."""
-        bodies: dict[str, AgentBody] = {}
-        rows, connected = self._traffic.fleet.rows, list(self._traffic.connected)
-        cars = {name: rows[name][connected] for name in ("id", "x", "y", "heading", "model")}
-        at = np.empty((len(connected), 4))
-        at[:, 0], at[:, 1], at[:, 3] = cars["x"], cars["y"], cars["heading"]
-        at[:, 2] = self._layout.heights(at[:, :2])
-        poses, heights_m = SE3Batch.from_xyz_yaw(at), self._sizes_m[cars["model"], 2].tolist()
-        for k, (actor, height_m) in enumerate(zip(cars["id"].tolist(), heights_m, strict=True)):
-            bodies[f"cav_{k}"] = AgentBody(f"cav_{k}", "cav", actor, poses[k], height_m)
-        return bodies | self._layout.posts(*self._posts, self._time_s)
+        rows = self._traffic.fleet.rows[list(self._traffic.connected)]
+        place, height_m = np.column_stack([rows["x"], rows["y"]]), self._sizes_m[rows["model"], 2]
+        return self._layout.agents(Cars(rows["id"], place, rows["heading"], height_m), self._posts, self._time_s)
 
     @property
     def fleet(self) -> Fleet:
