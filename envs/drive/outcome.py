@@ -65,9 +65,7 @@ class Judge:
         self._road = Surface([*road_map.lanes, *road_map.parking, *road_map.crosswalks])
         self._pavements = Surface(road_map.pavements)
 
-    def outcome(
-        self, was: CarState, car: CarState, me: int, users: RoadUsers, hit: str, *, timed_out: bool
-    ) -> Outcome:
+    def outcome(self, was: CarState, car: CarState, me: int, users: RoadUsers, hit: str, *, timed_out: bool) -> Outcome:
         """Return what has become of a car.
 
         Args:

@@ -199,6 +199,11 @@ class DriveParallel(ParallelEnv[str, Observed, Observed]):  # type: ignore[misc]
         return seen, rewards, terminated, truncated, infos
 
     @property
+    def dt_s(self) -> float:
+        """Time between two steps."""
+        return self._dt_s
+
+    @property
     def world(self) -> World:
         """The world of the running episode."""
         return self._world
