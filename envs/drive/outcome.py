@@ -23,9 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.envs.drive.surface import Surface
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
+from coopsim.geometry.surface import Surface
 from coopsim.geometry.taken_ground import TakenGround
 from coopsim.types.driving import CarState
 from coopsim.types.taxonomy import ObjectClass

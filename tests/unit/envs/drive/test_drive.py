@@ -15,8 +15,8 @@ from pettingzoo.test import parallel_api_test
 
 import coopsim
 from coopsim.envs import DriveEnv, DriveParallel, RouteReward
-from coopsim.envs.drive.surface import Surface
 from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError, UnknownNameError
+from coopsim.geometry.surface import Surface
 from coopsim.types.driving import CarState
 
 FEW = {"place": "crossing", "vehicles": 4, "pedestrians": 0}
