@@ -51,7 +51,7 @@ class Exchange:
         self.channel = Channel(options.channel_config, seed)
         self.lies: tuple[Lie, ...] = ()
         self.uplink_s = 0.0
-        self._liars = LyingAgents(options.attacks, specs, seed, network_of(options), source.driven)
+        self._liars = LyingAgents(options.attacks, specs, seed, network_of(options), source.open_facts)
         self._uplinks = make_uplinks(options, specs, seed, self._liars)
         self._buildings = source.road_map.buildings if options.channel_config.radio is not None else None
         units = [name for name, spec in specs.items() if spec.kind == "rsu"]

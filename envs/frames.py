@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
+from coopsim.interfaces.attack import OpenFacts
 from coopsim.sensors.visibility import PixelVisibility, Visibility
 from coopsim.types import AgentSpec, CameraImage, GroundTruth, Ints, Observation, Tracks, stack_xyz_yaw
 from coopsim.types.driving import CarState, Command
@@ -152,6 +153,11 @@ class FrameSource(ABC):
     def driven(self) -> tuple[str, ...]:
         """Names of the agents whose frames have the state of a driven car; empty where there are none."""
         return ()
+
+    @property
+    def open_facts(self) -> OpenFacts:
+        """Facts that attackers can look up."""
+        return OpenFacts(self.driven)
 
     @property
     def junctions(self) -> tuple[LitJunction, ...]:

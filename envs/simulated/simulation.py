@@ -23,6 +23,7 @@ from coopsim.envs.simulated.perception import Perception, observation_format
 from coopsim.envs.simulated.planned_driving import PlannedDriving
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import InvalidValueError
+from coopsim.interfaces.attack import OpenFacts
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.scene import RayScene, SceneGeometry
 from coopsim.sensors.visibility import PixelVisibility, Visibility, measure_pixels
@@ -34,6 +35,7 @@ from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import PlayedWorld, RecordedWorld
 from coopsim.world.scenario import EpisodeScenarios, Scenario
 from coopsim.world.snapshot import Actors, AgentBody, DrivenWorld, WorldSource
+from coopsim.world.traffic.mapped_ways import MappedWays
 from coopsim.world.world import World
 
 _COMMANDS: dict[str, Any] = {"policy": MANEUVER, "acceleration": ACCELERATION, "steering": STEERING}
@@ -98,6 +100,12 @@ class Simulation(FrameSource):
     def driven(self) -> tuple[str, ...]:
         """Names of the cars that a planner or the action drives; see `FrameSource.driven`."""
         return self._driven if self._options.traffic != "highway-env" else ()
+
+    @property
+    def open_facts(self) -> OpenFacts:
+        """The planner and the map; see `FrameSource.open_facts`."""
+        # Of the map alone: what is reachable from here, an attacker's code could read.
+        return OpenFacts(self.driven, self._options.planner, MappedWays(self._scenario.layout.network).ahead)
 
     @property
     def junctions(self) -> tuple[LitJunction, ...]:
