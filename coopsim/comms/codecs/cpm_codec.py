@@ -259,7 +259,7 @@ class CpmCodec(SharesDetections[CollectivePerception]):
             raise CodecError(f"a collective perception message has at most 255 objects, got {len(found)}")
         captured_ns = management["referenceTime"] * _NS_PER_MS
         position = position_of(management["referencePosition"])
-        _require_on_earth(position)
+        require_on_earth(position)
         return CollectivePerception(header["stationId"], captured_ns, position, objects_of(found))
 
 
@@ -285,10 +285,11 @@ def _require_sendable(content: CollectivePerception) -> None:
         raise CodecError(f"a collective perception message has at most 255 objects, got {len(good)}")
     if not (0 <= content.station_id < 2**32 and 0 <= content.captured_ns <= _LATEST_MS * _NS_PER_MS):
         raise CodecError(f"station {content.station_id} at {content.captured_ns} ns is out of ETSI's range")
-    _require_on_earth(content.position)
+    require_on_earth(content.position)
 
 
-def _require_on_earth(position: Floats) -> None:
+def require_on_earth(position: Floats) -> None:
+    """Raise `CodecError` for a position (3,) m that ETSI's reference positions do not hold."""
     if not ((np.abs(position) <= _FARTHEST_M).all() and position[2] >= -1000):
         raise CodecError(
             f"a station must be on earth, from 1 km below to 8 km above the sea, got {position.tolist()} m"
