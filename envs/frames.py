@@ -153,6 +153,13 @@ class FrameSource(ABC):
         """Names of the agents whose frames have the state of a driven car; empty where there are none."""
         return ()
 
+    def car_ahead(self, name: str) -> CarState | None:
+        """Return the motion of a connected car and the way ahead of it, as its driver knows them; None: not known."""
+        return None
+
+    def hear(self, received: Mapping[str, Observation]) -> None:
+        """Take notice of the current frame's observations with what arrived: planners get planned ways of others."""
+
     @property
     def junctions(self) -> tuple[LitJunction, ...]:
         """Junctions of the running episode of whose lights roadside units speak; empty without `signal_messages`."""

@@ -6,6 +6,7 @@ degree of either has the same length. Episodes begin with ETSI's time, at 2004-0
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterator, Mapping
 from importlib import resources
 from typing import Any
@@ -20,6 +21,11 @@ PROTOCOL = 2
 
 LONGEST_BYTES = 2**15
 """The longest payload that is decoded."""
+
+
+def station_id(name: str) -> int:
+    """Return the id of a station: the CRC-32 of the agent's name."""
+    return zlib.crc32(name.encode())
 
 
 def compiled(file: str, user: str) -> Any:

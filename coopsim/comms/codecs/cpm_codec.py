@@ -5,7 +5,6 @@ Bits are asn1tools'; here are the conversions between arrays and ASN.1 values in
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -13,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.comms.codecs.asn1 import DEGREE_M, PROTOCOL, compiled, decode_exactly
+from coopsim.comms.codecs.asn1 import DEGREE_M, PROTOCOL, compiled, decode_exactly, station_id
 from coopsim.comms.codecs.codec import CODECS, encode_prefix
 from coopsim.comms.codecs.detection_codec import SharesDetections
 from coopsim.errors import CodecError
@@ -216,7 +215,7 @@ class CpmCodec(SharesDetections[CollectivePerception]):
     def content_of(self, found: Detections, sender: str, time_ns: int, pose: PoseEstimate) -> CollectivePerception:
         """Return the message's content; the station's id is the CRC-32 of the sender's name."""
         turned = found.transform(SE3.from_xyz_yaw(np.zeros(3), float(pose.xyz_yaw[3])))
-        return CollectivePerception(zlib.crc32(sender.encode()), time_ns, pose.xyz_yaw[:3], turned)
+        return CollectivePerception(station_id(sender), time_ns, pose.xyz_yaw[:3], turned)
 
     def detections_in(self, content: CollectivePerception, pose: PoseEstimate) -> Detections:
         return content.objects.transform(SE3.from_xyz_yaw(np.zeros(3), -float(pose.xyz_yaw[3])))

@@ -123,7 +123,7 @@ def test_damaged_bytes_are_refused_or_read_never_worse(decode: Any, whole: bytes
             decode(bytes(flipped))
         except CodecError as error:
             refused.append(str(error))
-    assert len(refused) > 20 and not any("\n" in each for each in refused)
+    assert len(refused) > 5 and not any("\n" in each for each in refused)
     for other in (whole + b"\0", bytes(40_000)):
         with pytest.raises(CodecError, match=r"are not what coopsim reads|at most 32768 bytes"):
             decode(other)
