@@ -154,6 +154,13 @@ class FrameSource(ABC):
         """Names of the agents whose frames have the state of a driven car; empty where there are none."""
         return ()
 
+    def car_ahead(self, name: str) -> CarState | None:
+        """Return the motion of a connected car and the way ahead of it, as its driver knows them; None: not known."""
+        return None
+
+    def hear(self, received: Mapping[str, Observation]) -> None:
+        """Take notice of the current frame's observations with what arrived: planners get planned ways of others."""
+
     @property
     def open_facts(self) -> OpenFacts:
         """Facts that attackers can look up."""
