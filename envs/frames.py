@@ -74,8 +74,8 @@ class Frame:
         actors: everything that is there, in the world frame (for pictures and `state()`).
         last: there is no frame after this one.
         probe: measurements that are made when asked for.
-        end: why it is the last one, if it is: "crash" (of a driven car), "situation over", "recording over" or
-            "max_cycles".
+        end: why it is the last one, if it is: "crash" (of a driven car), "arrived" (all of them), "situation over",
+            "recording over" or "max_cycles".
     """
 
     time_ns: int
@@ -86,9 +86,9 @@ class Frame:
     end: str = "max_cycles"
 
     @property
-    def crashed(self) -> bool:
-        """It is the last one because a driven car has crashed."""
-        return self.last and self.end == "crash"
+    def terminal(self) -> bool:
+        """It is the last one because a driven car has crashed, or because all have arrived."""
+        return self.last and self.end in ("crash", "arrived")
 
     def without_probe(self) -> Frame:
         """Return the frame without what it holds for measurements that cost time."""

@@ -230,10 +230,10 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         episode.go_on(frame, received, observations=packed, rewards=rewards, infos=infos, lies=lies, uplink_s=uplink_s)
         self._scores.on_step(episode)
         self._show_if_human()
-        crashed = dict.fromkeys(counts, frame.crashed)
-        truncated = dict.fromkeys(counts, frame.last and not frame.crashed)
+        terminated = dict.fromkeys(counts, frame.terminal)
+        truncated = dict.fromkeys(counts, frame.last and not frame.terminal)
         self._halfway = False
-        return packed, rewards, crashed, truncated, infos
+        return packed, rewards, terminated, truncated, infos
 
     def frames(self, seed: int, sequence: str | None = None) -> Iterator[Frame]:
         """Yield the frames of an episode as its sensors make them, without exchange and scores: for export.

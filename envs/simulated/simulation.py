@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -248,8 +248,10 @@ class SimulatedEpisode:
             frames = {name: replace(each, segmentation=images.get(name, {})) for name, each in frames.items()}
         agents = frames | self._driven_frames(frames)
         crashed = self._options.ends_on_crash and self._any_crashed(bodies)
-        last = crashed or self._cycle >= self._options.max_cycles or (self._ends_when_over and self._is_over)
-        self._frame = Frame(time_ns, agents, actors, last, probe, "crash" if crashed else self._end)
+        arrived = self._options.ends_on_arrival and not crashed and _all_arrived(agents[name] for name in self._driven)
+        last = crashed or arrived or self._cycle >= self._options.max_cycles or (self._ends_when_over and self._is_over)
+        end = "crash" if crashed else "arrived" if arrived else self._end
+        self._frame = Frame(time_ns, agents, actors, last, probe, end)
         return self._frame
 
     @property
@@ -313,6 +315,12 @@ class SimulatedEpisode:
         returns = np.zeros((len(actors), sensed.shape[1]), np.int64)
         returns[known] = sensed[order[place[known]]]
         return returns
+
+
+def _all_arrived(driven: Iterable[AgentFrame]) -> bool:
+    """Return whether there are driven cars, and all have reached their goals."""
+    cars = [agent.car for agent in driven]
+    return bool(cars) and all(car is not None and car.route.arrived for car in cars)
 
 
 def _acceleration(command: Command | None) -> float:
