@@ -242,7 +242,7 @@ class _Packed(NamedTuple):
             tracks.label.astype(np.int8),
             reported,
             frame.conflict_ids,
-            state_of(car, *frame.left),
+            state_of(car, *frame.left, scripted=bool(frame.conflict_ids)),
         )
 
 

@@ -64,10 +64,13 @@ class DrivableArea:
         return off_road, off_road or bool(self._pavements.covers(corners).any())
 
 
-def state_of(car: CarState, off_road: bool = False, off_area: bool = False) -> RuleState:
-    """Return what a car's state, and whether it has left the road and the drivable area, say of the rules."""
+def state_of(car: CarState, off_road: bool = False, off_area: bool = False, *, scripted: bool = False) -> RuleState:
+    """Return what a car's state, and whether it has left the road and the drivable area, say of the rules.
+
+    A `scripted` situation is over before any goal could be reached: it has none.
+    """
     route = car.route
-    goal = math.isfinite(route.length_m)
+    goal = math.isfinite(route.length_m) and not scripted
     front = light = NO_LIGHT
     if len(route.lights):
         ahead = min(round(car.length_m / 2 / route.spacing_m), len(route.lights) - 1)

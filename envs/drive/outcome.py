@@ -73,7 +73,7 @@ class Judge:
             car: the car as it knows itself.
             me: its row among the road users.
             users: everybody, in the world frame.
-            hit: what it has crashed into beside the road, see `World.hit`.
+            hit: the thing beside the road that it has crashed into, see `World.hit`.
             timed_out: whether its time is over.
         """
         corners = _corners_of(users, me)

@@ -33,7 +33,7 @@ class PlannedDriver:
 
     Args:
         env: the environment, after `reset`.
-        planner: as the option `planner` of environments.
+        planner: a planner or its label, as the option `planner` of environments.
         name: the car.
 
     Raises:

@@ -189,7 +189,7 @@ class SteeredCars:
         fleet: their axles and their grip are set.
         network: the roads.
         movements: movements over junctions.
-        obstacles: what cars do not pass.
+        obstacles: bodies that cars do not pass.
         kerbs: makes the kerbs that one car mounts; None: there are none.
         seed: decides their ways.
         route_m: bounds of the distance to a goal.
