@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
+from coopsim.interfaces.attack import OpenFacts
 from coopsim.sensors.visibility import PixelVisibility, Visibility
 from coopsim.types import AgentSpec, CameraImage, GroundTruth, Ints, Observation, Tracks, stack_xyz_yaw
 from coopsim.types.driving import CarState, Command
@@ -152,6 +153,18 @@ class FrameSource(ABC):
     def driven(self) -> tuple[str, ...]:
         """Names of the agents whose frames have the state of a driven car; empty where there are none."""
         return ()
+
+    def car_ahead(self, name: str) -> CarState | None:
+        """Return the motion of a connected car and the way ahead of it, as its driver knows them; None: not known."""
+        return None
+
+    def hear(self, received: Mapping[str, Observation]) -> None:
+        """Take notice of the current frame's observations with what arrived: planners get planned ways of others."""
+
+    @property
+    def open_facts(self) -> OpenFacts:
+        """Facts that attackers can look up."""
+        return OpenFacts(self.driven)
 
     @property
     def junctions(self) -> tuple[LitJunction, ...]:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
+from coopsim.support.arrays import Ints, Mask
 from coopsim.support.kernels import njit
-from coopsim.types import Ints, Mask
 
 
 class Surface:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from coopsim.bench.report.keys import keys_html
 
 _PLAYER = (
     '<div class="player"><button>Play</button><input type="range" min="0" value="0" aria-label="frame" '
-    'autocomplete="off"><output></output></div>'
+    'autocomplete="off"><output aria-live="off"></output></div>'
 )
 
 
@@ -32,6 +32,8 @@ class Panel:
     def html(self, side: int) -> str:
         """Return the panel as HTML."""
         name = html.escape(self.name)
+        told = [text for _, text in self.moments or ()]
+        alternative = html.escape(". ".join([f"{self.name}, from above", *filter(None, [self.about]), *told]))
         buttons = "".join(
             f'<button class="moment" data-s="{at_s:.3f}">{html.escape(text)}</button>'
             for at_s, text in self.moments or ()
@@ -39,7 +41,7 @@ class Panel:
         moments = "" if self.moments is None else f'<div class="moments">{buttons}</div>'
         return (
             f'<div><p><b>{name}</b> <span class="dim">{html.escape(self.about)}</span></p>'
-            f'<canvas data-side="{side}" role="img" aria-label="{name}, from above"></canvas>{moments}</div>'
+            f'<canvas data-side="{side}" role="img" aria-label="{alternative}"></canvas>{moments}</div>'
         )
 
 
@@ -67,7 +69,7 @@ class FilmSection:
             return ""
         figures = "".join(
             f'<figure class="clip" data-pair="{first + k}">'
-            f"<figcaption>{k + 1}. {html.escape(each.caption)}</figcaption>"
+            f"<figcaption>{html.escape(each.caption)}</figcaption>"
             f'<div class="pair">{"".join(panel.html(side) for side, panel in enumerate(each.panels))}</div>'
             f"{_PLAYER}</figure>"
             for k, each in enumerate(self.figures)
@@ -76,13 +78,18 @@ class FilmSection:
         return f"<section><h2>{self.title}</h2>{note}{keys_html(self.keys)}{figures}</section>"
 
 
-def sections_html(sections: Iterable[FilmSection], notes: Iterable[str]) -> str:
-    """Return sections as HTML, and lines on films that are missing."""
-    return "".join([*_numbered(sections), *(f'<p class="note">{html.escape(note)}</p>' for note in notes)])
+def split_lead(sections: Sequence[FilmSection]) -> tuple[str, str]:
+    """Return the first figure of all as a section of its own, and the others, as HTML."""
+    known = [each for each in sections if each.figures]
+    if not known:
+        return "", ""
+    first = known[0]
+    lead = replace(first, title="One of the runs", figures=first.figures[:1]).html(0)
+    rest = [replace(first, figures=first.figures[1:]), *known[1:]]
+    return f'<div id="lead">{lead}</div>\n', "".join(_numbered(rest, 1))
 
 
-def _numbered(sections: Iterable[FilmSection]) -> Iterator[str]:
-    first = 0
+def _numbered(sections: Iterable[FilmSection], first: int) -> Iterator[str]:
     for each in sections:
         yield each.html(first)
         first += len(each.figures)
