@@ -16,7 +16,6 @@ import numpy as np
 from coopsim.support.checks import require_choice
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.places.layout import Layout
-from coopsim.world.places.road_network import Road
 from coopsim.world.script import VehicleRole, WalkRole
 from coopsim.world.situations.casting import CONFLICT_S, HEADWAY_S, draw, draw_model, passing
 from coopsim.world.situations.junction_sites import Met, junction_sites, lane_sites

@@ -1,4 +1,4 @@
-"""Interactions: the same for a seed, a crash if nobody reacts, agents of the same names, in any place that has a site."""
+"""Interactions: the same for a seed, a crash if nobody reacts, the same agents, in any place with a site."""
 
 from __future__ import annotations
 
