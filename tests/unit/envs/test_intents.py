@@ -75,16 +75,22 @@ def test_a_planner_of_a_users_gets_them() -> None:
     assert Listens.got == [0] * 4
 
 
-def test_the_same_seed_gives_the_same_bits_with_one_worker_and_two() -> None:
-    def bytes_of(workers: int) -> list[bytes]:
-        options = {"lidar": None, "uplink": "intents", "latency_s": 0.1}
-        with coopsim.vector("crossing_path", 2, workers=workers, **options) as made:
-            observations, _ = made.reset(seed=3)
-            for _ in range(3):
-                observations, *_ = made.step([dict.fromkeys(each, NOTHING) for each in observations])
-            return [each[name]["signals_payload"].tobytes() for each in observations for name in sorted(each)]
-
-    assert bytes_of(1) == bytes_of(2) and any(bytes_of(1))
+def test_the_same_seed_gives_the_same_bits_in_two_workers_and_here() -> None:
+    options = {"lidar": None, "uplink": "intents", "latency_s": 0.1}
+    with coopsim.vector("crossing_path", 2, workers=2, **options) as made:
+        observations, infos = made.reset(seed=3)
+        for _ in range(2):
+            observations, *_ = made.step([dict.fromkeys(each, NOTHING) for each in observations])
+    for there, info in zip(observations, infos, strict=True):
+        seed = next(iter(info.values()))["seed"]
+        env = coopsim.parallel_env("crossing_path", **options)
+        here, _ = env.reset(seed=seed)
+        for _ in range(2):
+            here, *_ = env.step(dict.fromkeys(env.agents, NOTHING))
+        assert {name: each["signals_payload"].tobytes() for name, each in here.items()} == {
+            name: each["signals_payload"].tobytes() for name, each in there.items()
+        }
+        assert any(each["signals_payload"].size for each in here.values())
 
 
 def test_wrong_parameters_are_refused() -> None:

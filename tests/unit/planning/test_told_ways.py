@@ -91,7 +91,7 @@ def test_a_planner_waits_for_nobody_who_tells_that_he_goes_elsewhere(name: str) 
 
 
 def test_who_warns_of_a_hard_brake_needs_no_second_alarm() -> None:
-    ahead, stops = tracks((12.0, 0.0, 4.0, 0.0)), way(12.0, 0.0, 0.0, 0.0, 0.0)
+    ahead, stops = tracks((17.0, 0.0, 4.0, 0.0)), way(17.0, 0.0, 0.0, 0.0, 0.0)
     calm, warned = (make_planner("idm_aeb").plan(car(ahead, told(stops, hard_brake=each))) for each in (False, True))
     assert warned == -8.0 and isinstance(calm, float) and calm > -8.0
 
