@@ -86,7 +86,7 @@ def looks(policies: Sequence[str]) -> dict[str, Look]:
     messages. The first 15 looks differ.
     """
     numbers: dict[str, int] = {}
-    for name in sorted(policies, key=lambda each: ("(" in each, "delayed=replay" not in each)):
+    for name in sorted(policies, key=lambda each: ("(" in each, not each.endswith("(delayed=replay)"))):
         number = _OWN.get(name.partition("(")[0])
         if number is not None and number not in numbers.values():
             numbers[name] = number

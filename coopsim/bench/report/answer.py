@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from coopsim.bench.grid.axis import ATTACKS
 from coopsim.bench.grid.labels import varying_axes
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.standings import compare_with_best
-from coopsim.bench.safety.lie_costs import COSTS, attacked
+from coopsim.bench.safety.lie_costs import COSTS, attacked, lie_costs
 from coopsim.bench.safety.paired import (
     Change,
     Pairing,
@@ -77,7 +77,8 @@ def answer_of(table: ResultTable) -> Answer | None:
     if not lied:
         return shared
     worst = max(lied, key=lambda each: sign * each[1].change.mean)
-    return Answer("What can a liar do?", _harm(*worst, metric), (("While nobody lies", shared.verdict), *shared.points))
+    points = [("While nobody lies", shared.verdict), *shared.points]
+    return Answer("What can a liar do?", _harm(*worst, metric, _harmful(table, best)), tuple(points))
 
 
 def _pairing(metric: str) -> Pairing:
@@ -202,16 +203,34 @@ def _lied(table: ResultTable, metric: str, policy: int) -> Iterator[tuple[str, C
 
 
 def _lies(table: ResultTable, metric: str, policy: int) -> Iterator[str]:
+    costs = _harmful(table, policy)
     for attack, found in _lied(table, metric, policy):
         unit = " points" * is_yes_no(metric)
-        yield f"with {attack} {metric} changes by {difference_text(found.change, _form(metric))}{unit}"
+        text = f"with {attack} {metric} changes by {difference_text(found.change, _form(metric))}{unit}"
+        yield ", ".join([text, *costs.get(attack, ())])
 
 
-def _harm(attack: str, found: Change, metric: str) -> str:
+def _harmful(table: ResultTable, policy: int) -> dict[str, list[str]]:
+    """Return by attack what a lie is shown to cost a driven car besides crashes."""
+    found = {each.attack: each.costs for each in lie_costs(table) if each.policy == table.policies[policy]}
+    return {
+        attack: [
+            f"{COSTS[name]} {difference_text(each.change, form_of(name))}"
+            for name, each in costs.items()
+            if (each.change.low > 0 if less_is_better(name) else each.change.high < 0)
+        ]
+        for attack, costs in found.items()
+    }
+
+
+def _harm(attack: str, found: Change, metric: str, costs: Mapping[str, Sequence[str]]) -> str:
     """Say what the worst attack does to the policy that messages help most."""
     form, difference = _form(metric), difference_text(found.change, _form(metric))
     harms = found.change.low > 0 if less_is_better(metric) else found.change.high < 0
     begin = "It does harm" if harms else "No harm is shown"
+    costly = next(((name, texts) for name, texts in costs.items() if texts), None)
+    if costly and not harms:
+        return f"No more crashes are shown, but under {costly[0]} the car pays: {_joined(costly[1])} an episode."
     if metric != CRASH:
         values = f"{metric} is {format_value(found.sharing, form)} instead of {format_value(found.alone, form)}"
         return f"{begin}: under {attack}, {values} with {found.policy}, a difference of {difference}."

@@ -58,7 +58,8 @@ def test_a_policy_has_the_same_look_in_every_company() -> None:
     alone, together = looks(["no_fusion", "late_fusion"]), looks(["attfuse", "late_fusion", "mine", "no_fusion"])
     assert alone["late_fusion"] == together["late_fusion"] and alone["no_fusion"].color == GREY
     variant = "late_fusion(delayed=replay)"
-    assert looks([variant])[variant] == looks(["late_fusion(delayed=as_current)", variant])[variant]
+    others = ["late_fusion(defense=oracle, delayed=replay)", "late_fusion(delayed=as_current)"]
+    assert looks([variant])[variant] == looks([*others, variant])[variant]
     assert looks(["late_fusion", variant])["late_fusion"] == alone["late_fusion"]
 
 
