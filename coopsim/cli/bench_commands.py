@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coopsim.bench.grid.cell import CellResult
-from coopsim.cli.argument_types import count, count_or_zero, names, numbers, policies, policy, varied, varied_option
+from coopsim.cli.argument_types import count, count_or_zero, environments, names, numbers, policies, policy, varied, varied_option
 from coopsim.cli.arguments import (
     FAILED,
     INTERRUPTED,
@@ -110,14 +110,14 @@ _NO_NUMBER = {
 def _add_bench(parser: argparse.ArgumentParser) -> None:
     grid = parser.add_argument_group("grid", "flags replace values of the preset or file")
     add = grid.add_argument
-    presets = "quick, latency, pose, loss, bandwidth, paper, safety, lies, leaderboard, ...: see `list presets`"
+    presets = "quick, latency, pose, loss, bandwidth, paper, safety, driving, lies, leaderboard, ...: see `list presets`"
     add("--preset", metavar="NAME", help=presets)
     add("--grid", type=Path, metavar="FILE", help="YAML with these names, underscores for dashes")
     add("--trust", action="store_true", help="run code that FILE names as module:Class or file.py:Class")
     add("--policies", type=policies, metavar="A,B(x=1)", help="see `list`; all; or module:Class, or file.py:Class")
     add("--policy", type=policy, action="append", default=[], metavar="A", help="one more; may be given several times")
-    of = "names, or paths of scenario files"
-    worlds = add("--environments", type=names, dest="scenarios", metavar="A,B.yaml", help=of)
+    of = "names, also with options, or paths of scenario files"
+    worlds = add("--environments", type=environments, dest="scenarios", metavar="A,B.yaml", help=of)
     add_old_name(grid, "--scenarios", worlds)
     add("--latencies-ms", type=numbers, metavar="0,300", help="delays of every message (default: 0)")
     add("--losses", type=numbers, metavar="0,0.1", help="probabilities that a message is lost (default: 0)")
