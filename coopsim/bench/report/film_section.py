@@ -63,8 +63,11 @@ class FilmSection:
     keys: Sequence[str]
     figures: Sequence[Figure]
 
-    def html(self, first: int) -> str:
-        """Return the section; `first` is the number of its first figure's data in the page."""
+    def html(self, first: int, *, lead: bool = False) -> str:
+        """Return the section; `first` is the number of its first figure's data in the page.
+
+        In the `lead` of a page the words stand below the figure.
+        """
         if not self.figures:
             return ""
         figures = "".join(
@@ -74,8 +77,9 @@ class FilmSection:
             f"{_PLAYER}</figure>"
             for k, each in enumerate(self.figures)
         )
-        note = f'<p class="note">{self.note}</p>'
-        return f"<section><h2>{self.title}</h2>{note}{keys_html(self.keys)}{figures}</section>"
+        note, keys = f'<p class="note">{self.note}</p>', keys_html(self.keys)
+        parts = (figures, keys, note) if lead else (note, keys, figures)
+        return f"<section><h2>{self.title}</h2>{''.join(parts)}</section>"
 
 
 def split_lead(sections: Sequence[FilmSection]) -> tuple[str, str]:
@@ -84,7 +88,7 @@ def split_lead(sections: Sequence[FilmSection]) -> tuple[str, str]:
     if not known:
         return "", ""
     first = known[0]
-    lead = replace(first, title="One of the runs", figures=first.figures[:1]).html(0)
+    lead = replace(first, title="One pair of runs", figures=first.figures[:1]).html(0, lead=True)
     rest = [replace(first, figures=first.figures[1:]), *known[1:]]
     return f'<div id="lead">{lead}</div>\n', "".join(_numbered(rest, 1))
 
