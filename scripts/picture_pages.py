@@ -19,8 +19,9 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -46,11 +47,12 @@ class Page:
     """A page in a browser, over a pair of pipes.
 
     Attributes:
+        process: id of the browser's process.
         errors: what its scripts complained of.
     """
 
-    def __init__(self, to_browser: int, from_browser: int) -> None:
-        self._to, self._from = to_browser, from_browser
+    def __init__(self, to_browser: int, from_browser: int, process: int) -> None:
+        self._to, self._from, self.process = to_browser, from_browser, process
         self._left, self._number, self._session = b"", 0, ""
         self.errors: list[str] = []
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
@@ -83,9 +85,10 @@ class Page:
         )
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self.call("Emulation.setEmulatedMedia", features=[scheme])
-        self.call("Page.navigate", url="about:blank")
+        self.call("Page.navigate", url="about:blank")  # or another fragment of a page would be no new page
         self.call("Page.navigate", url=f"{page.resolve().as_uri()}{'#' if fragment else ''}{fragment}")
-        self.run("new Promise((done) => document.readyState === 'complete' ? done() : addEventListener('load', done))")
+        while not self.run("location.protocol === 'file:' && document.readyState === 'complete'"):
+            time.sleep(0.02)
 
     def run(self, expression: str) -> Any:
         """Return the value of an expression in the page; promises are awaited.
@@ -95,7 +98,8 @@ class Page:
         """
         got = self.call("Runtime.evaluate", expression=expression, awaitPromise=True, returnByValue=True)
         if "exceptionDetails" in got:
-            raise RuntimeError(got["exceptionDetails"].get("exception", {}).get("description", "the page threw"))
+            why = got["exceptionDetails"].get("exception", {}).get("description", "the page threw")
+            raise RuntimeError("\n".join([*self.errors, why]))
         return got["result"].get("value")
 
     def picture(self, selector: str | None = None) -> Image.Image:
@@ -146,7 +150,7 @@ def browser(chromium: str, flags: Sequence[str] = FLAGS) -> Iterator[Page]:
         os.close(to_read)
         os.close(from_write)
         try:
-            yield Page(to_write, from_read)
+            yield Page(to_write, from_read, process.pid)
         finally:
             os.close(to_write)
             process.terminate()
@@ -176,19 +180,37 @@ def write_film(path: Path, pictures: Sequence[Image.Image], colors: int, lasts_m
     drawn[0].save(path, save_all=True, append_images=drawn[1:], duration=lasts_ms, loop=0, optimize=False)
 
 
+def processor_s(process: int) -> float:
+    """Return the processor time of a process and all below it, s, as Linux counts it."""
+    spent, parents = {}, {}
+    for entry in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            fields = entry.read_text().rpartition(")")[2].split()
+            number = int(entry.parent.name)
+            parents[number], spent[number] = int(fields[1]), int(fields[11]) + int(fields[12])
+    family = {process}
+    while grown := {each for each, parent in parents.items() if parent in family} - family:
+        family |= grown
+    return sum(spent.get(each, 0) for each in family) / os.sysconf("SC_CLK_TCK")
+
+
 def time_view(page: Page) -> str:
     """Return how long the first view of a page draws a frame, from outside and from the seat."""
     page.run(READY)
     lines = []
     for view in ("orbit", "seat"):
         page.run(f"spaceViews[0].choose('view', '{view}')")
+        page.run("spaceViews[0].go(0)")
+        before = processor_s(page.process)
         took = page.run(
             "(async () => { const view = spaceViews[0], gl = view.gl.gl, pixel = new Uint8Array(4), took = [];"
             "for (let k = 0; k < Math.min(view.world.count, 20); k++) { const began = performance.now(); await view.go(k);"
             "gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel); took.push(performance.now() - began); }"
             "return took.sort((a, b) => a - b); })()"
         )
-        lines.append(f"{view}: median {took[len(took) // 2]:.0f} ms, slowest {took[-1]:.0f} ms a frame")
+        spent_ms = 1000 * (processor_s(page.process) - before) / len(took)
+        took_ms = f"median {took[len(took) // 2]:.0f} ms, slowest {took[-1]:.0f} ms a frame"
+        lines.append(f"{view}: {took_ms}; {spent_ms:.0f} ms of processor time on all cores")
     size = page.run("[spaceViews[0].canvas.width, spaceViews[0].canvas.height].join(' x ')")
     return "\n".join([f"canvas {size}", *lines])
 

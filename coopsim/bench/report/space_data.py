@@ -49,38 +49,41 @@ class SpaceView:
         agent: the agent that it is about at first.
         shown: number of the run that is shown at first.
         together: show two runs side by side, each with its own world; False: the world of the first.
-        frames: the frames that are shown.
+        first: number of the first frame that is shown.
+        last: number of the frame after the last one; None: all are shown.
     """
 
     runs: Sequence[SpaceRun]
     agent: str
     shown: int = 0
     together: bool = False
-    frames: slice = slice(None)
+    first: int = 0
+    last: int | None = None
 
     def data(self) -> dict[str, Any]:
         """Return plain data for JSON; equal films give equal data."""
         films = [run.film for run in self.runs]
         names = list(dict.fromkeys(name for film in films for frame in film.frames for name in frame.agents))
+        part = slice(self.first, self.last)
         worlds = films if self.together else films[:1]
         return {
             "units": {"length": LENGTH_M, "cloud": CLOUD_M, "angle": ANGLE_RAD, "score": SCORE},
             "kinds": KINDS,
             "flat": len(FLAT),
             "dt_s": films[0].dt_s,
-            "start_s": films[0].frames[self.frames][0].time_ns / 1e9,
+            "start_s": films[0].frames[part][0].time_ns / 1e9,
             "names": names,
             "agent": self.agent,
             "shown": self.shown,
             "together": self.together,
             "solids": [_solid(each) for each in films[0].solids],
             "bars": _bars(films[0]),
-            "worlds": [[_world(frame, names) for frame in film.frames[self.frames]] for film in worlds],
+            "worlds": [[_world(frame, names) for frame in film.frames[part]] for film in worlds],
             "runs": [self._run(run, names) for run in self.runs],
         }
 
     def _run(self, run: SpaceRun, names: Sequence[str]) -> dict[str, Any]:
-        numbers = range(*self.frames.indices(len(run.film.frames)))
+        numbers = range(len(run.film.frames))[self.first : self.last]
         arrived = [[_links(run.film.arrived[k], names)] if k < len(run.film.arrived) else [[]] for k in numbers]
         return {
             "label": run.label,

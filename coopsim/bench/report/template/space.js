@@ -4,12 +4,12 @@
 // what it knows by their messages alone, grey what is there.
 const SPACE_COLORS = {
   dark: {
-    agent: "#ffb52e", connected: "#56b4e9", truth: "#aab1b9", false: "#e0704a", ink: "#e3e6ea", back: "#161b22",
+    agent: "#ffb52e", connected: "#56b4e9", truth: "#aab1b9", false: "#e0704a", ink: "#e3e6ea", back: "#161b22", sky: "#0f131a",
     ground: "#1a1f25", grass: "#1a231f", yard: "#20242a", parking: "#262b32", pavement: "#242a31", road: "#303741", marking: "#59616b",
     house: "#453d37", edge: "#85786c", plant: "#2c4434", thing: "#4a515a",
   },
   light: {
-    agent: "#a85400", connected: "#0f6cb0", truth: "#5c636b", false: "#b5401c", ink: "#1d2126", back: "#f3f5f5",
+    agent: "#a85400", connected: "#0f6cb0", truth: "#5c636b", false: "#b5401c", ink: "#1d2126", back: "#f3f5f5", sky: "#dbe7f0",
     ground: "#e4e8e6", grass: "#d9e4d8", yard: "#dcdedb", parking: "#cdd2d5", pavement: "#d6dadc", road: "#c3c9ce", marking: "#f6f8f8",
     house: "#e2d8ca", edge: "#8d7f6d", plant: "#a9c3a4", thing: "#a2a9af",
   },
@@ -236,18 +236,19 @@ class SpacePlayer {
     const paint = Object.fromEntries(Object.entries(colors).map(([name, hex]) => [name, rgb(hex)]));
     const values = { view: camera.matrix, eye: camera.eye, back: paint.back, reach: seat ? 260 : 150 + 3 * this.eye.away, sun: [0.35, -0.5, 0.79], ratio, size: [(width * ratio) / 2, (height * ratio) / 2], cut: 1e6, shaded: 0, fade: 1 };
     gl.depthMask(true);
-    gl.clearColor(...paint.back, 1);
+    gl.clearColor(...paint[seat ? "sky" : "back"], 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.POLYGON_OFFSET_FILL);
     for (const { kind, array } of this.static) {
       const layer = this.world.kinds.indexOf(kind);
       const flat = layer < this.world.flat;
-      gl.polygonOffset(flat ? -layer : 0, flat ? -2 * layer : 0); // what is painted later is over the ground
+      const under = flat ? this.world.flat - layer : 0; // what is painted later is over what is painted first
+      gl.polygonOffset(under, 2 * under);
       space.draw(array, { ...values, shaded: flat ? 0 : 1, cut: !seat && kind === "house" ? CUT_M : 1e6 }, [...paint[kind], 1]);
     }
     const { shapes, notes } = this.shapes(now, world, run, me, paint, seat);
-    gl.polygonOffset(-12, -24); // bars on the road
+    gl.polygonOffset(0, 0);
     space.draw(space.fill(this.arrays.mesh, new Float32Array(shapes.triangles)), { ...values, shaded: 1 });
     gl.disable(gl.POLYGON_OFFSET_FILL);
     for (const body of this.layers.points ? now.bodies : []) {
@@ -258,6 +259,7 @@ class SpacePlayer {
     if (!seat) for (const edges of this.edges) space.draw(edges, values);
     space.fill(this.arrays.lines, new Float32Array(shapes.lines));
     gl.disable(gl.DEPTH_TEST); // what is hidden shines through
+    space.draw(space.fill(this.arrays.mesh, new Float32Array(shapes.ghosts)), values);
     space.draw(this.arrays.lines, { ...values, fade: seat ? 0.6 : 0.3 });
     gl.enable(gl.DEPTH_TEST);
     space.draw(this.arrays.lines, values);
@@ -286,6 +288,7 @@ class SpacePlayer {
     }
     const fresh = this.fresh(world, run, tracks);
     for (const track of tracks) {
+      if (track.state === "told") shapes.ghost(track, [...paint.connected, seat ? 0.3 : 0.14]);
       if (track.state === "false") {
         const near = seat && Math.hypot(track.x - from.x, track.y - from.y) < NOT_NEAR_M;
         const sure = 0.2 + 0.4 * Math.min(Math.max(track.sure, 0), 1);

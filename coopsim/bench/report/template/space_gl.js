@@ -16,7 +16,7 @@ const SPACE_SHADERS = {
     in vec3 spot; in vec4 shown; in float far;
     void main() {
       vec3 side = normalize(cross(dFdx(spot), dFdy(spot)));
-      float light = mix(1.0, 0.76 + 0.24 * dot(side, sun), shaded);
+      float light = mix(1.0, 0.82 + 0.18 * dot(side, sun), shaded);
       pixel = vec4(mix(shown.rgb * light, back, smoothstep(0.35 * reach, reach, far)), shown.a);
     }`],
   points: [`
@@ -24,9 +24,10 @@ const SPACE_SHADERS = {
     in vec4 place; // x, y, z, and whether it is on the ground
     out vec3 shown; out float far;
     void main() {
-      gl_Position = distance(place.xyz, eye) < nearest ? vec4(2.0, 2.0, 2.0, 1.0) : view * vec4(place.xyz, 1.0);
+      vec3 spot = place.xyz + vec3(0.0, 0.0, 0.12 * place.w); // over the ground, not in it
+      gl_Position = distance(spot, eye) < nearest ? vec4(2.0, 2.0, 2.0, 1.0) : view * vec4(spot, 1.0);
       far = smoothstep(0.4 * reach, reach, gl_Position.w);
-      gl_PointSize = ratio * clamp(size * 60.0 / gl_Position.w, 1.5, size);
+      gl_PointSize = ratio * clamp(size * 42.0 / gl_Position.w, 1.5, size);
       shown = mix(color, road, 0.5 * place.w);
     }`, `
     uniform vec3 back;

@@ -12,6 +12,7 @@ class SpaceWorld {
     this.count = Math.max(...told.worlds.map((frames) => frames.length));
     this.loaded = new Map();
     this.known = new Map();
+    this.learnt = new Map();
   }
 
   /** Meshes by kind, each with places (x, y, z, foot) about `home`, and the corners of its triangles. */
@@ -106,6 +107,12 @@ class SpaceWorld {
    * "false", and the bodies without one. Told: it does not see the body, which a sender whose message came of late saw.
    */
   knowledge(index, world, run, agent) {
+    const key = [index, world, run, agent].join();
+    if (!this.learnt.has(key)) this.learnt.set(key, this.judge(index, world, run, agent));
+    return this.learnt.get(key);
+  }
+
+  judge(index, world, run, agent) {
     const [now, ...past] = this.recent(index, MEMORY_S, world, run);
     const senders = new Set([now, ...past].flatMap((each) => each.run.arrived.filter(([to]) => to === agent).map(([, from]) => from)));
     const sawIt = new Set([now, ...past].flatMap((each) => each.world.truth.filter((body) => [...body.seen].some((name) => senders.has(name))).map(({ id }) => id)));
@@ -142,6 +149,7 @@ class SpaceShapes {
   constructor() {
     this.lines = [];
     this.triangles = [];
+    this.ghosts = [];
   }
 
   line(a, b, color, width, dash = 0) {
@@ -167,10 +175,15 @@ class SpaceShapes {
     }
   }
 
-  block(corners, color) {
+  block(corners, color, into = this.triangles) {
     for (const [a, b, c, d] of [[0, 1, 2, 3], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]) {
-      for (const k of [a, b, c, a, c, d]) this.triangles.push(...corners[k], -1e4, ...color);
+      for (const k of [a, b, c, a, c, d]) into.push(...corners[k], -1e4, ...color);
     }
+  }
+
+  /** A box that shines through all that stands before it. */
+  ghost(box, color) {
+    this.block(this.corners(box), color, this.ghosts);
   }
 
   quad(corners, color) {
