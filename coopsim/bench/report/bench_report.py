@@ -14,7 +14,7 @@ from coopsim.bench.report.answer import Answer, answer_of
 from coopsim.bench.report.bench_tables import condition_table, failures, leaderboard
 from coopsim.bench.report.crashes_page import crashes_section
 from coopsim.bench.report.film_data import DRAWING
-from coopsim.bench.report.film_section import FilmSection, sections_html
+from coopsim.bench.report.film_section import FilmSection, sections_html, space_of
 from coopsim.bench.report.formats import definitions, fill_page
 from coopsim.bench.report.scene import Scene
 from coopsim.bench.report.space_data import SPACE_SCRIPTS
@@ -74,16 +74,16 @@ def render_bench_report(
     Where cars were driven it has their crash rates. Sections of `played` films without a figure are left out; without a
     `scene` of runs to watch side by side, the sections "From above", "Reward over time" and "Cameras".
     """
-    spaces = [each for each in ([scene.space] if scene else []) if each is not None]
     shown, played, answer = table.shown, played or Played(), answer_of(table)
+    space = scene.space if scene else space_of(played.sections)
     return fill_page(
         "bench.html",
-        style=("page.css", "bench.css", *(["space.css"] if spaces else [])),
-        script=("bev.js", "curves.js", "bench.js", *(["scene.js"] if scene else []), *(SPACE_SCRIPTS if spaces else [])),
+        style=("page.css", "bench.css", *(["space.css"] if space else [])),
+        script=("bev.js", "curves.js", "bench.js", *(["scene.js"] if scene else []), *(SPACE_SCRIPTS if space else [])),
         data={
             **_data(table, played),
             **({"scene": scene.data()} if scene else {}),
-            "spaces": [each.data() for each in spaces],
+            **({"space": space.data()} if space else {}),
         },
         title=title_of_report(about.title, answer),
         summary=_summary(table),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from coopsim.bench.report.keys import keys_html
+from coopsim.bench.report.space_data import SpaceView, space_html
 
 _PLAYER = (
     '<div class="player"><button>Play</button><input type="range" min="0" value="0" aria-label="frame" '
@@ -45,11 +46,12 @@ class Panel:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """Two runs side by side, and their plain data for the page's script."""
+    """Two runs side by side, their plain data for the page's script, and the same in three dimensions if it was filmed."""
 
     caption: str
     panels: Sequence[Panel]
     data: dict[str, Any]
+    space: SpaceView | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,28 +63,36 @@ class FilmSection:
     keys: Sequence[str]
     figures: Sequence[Figure]
 
-    def html(self, first: int) -> str:
-        """Return the section; `first` is the number of its first figure's data in the page."""
+    def html(self, first: int, space: SpaceView | None = None) -> str:
+        """Return the section; `first` is the number of its first figure's data in the page.
+
+        Of its views in three dimensions the page has room for one, `space`.
+        """
         if not self.figures:
             return ""
         figures = "".join(
             f'<figure class="clip" data-pair="{first + k}">'
             f"<figcaption>{k + 1}. {html.escape(each.caption)}</figcaption>"
             f'<div class="pair">{"".join(panel.html(side) for side, panel in enumerate(each.panels))}</div>'
-            f"{_PLAYER}</figure>"
+            f"{_PLAYER}{space_html(each.space if each.space is space else None)}</figure>"
             for k, each in enumerate(self.figures)
         )
         note = f'<p class="note">{self.note}</p>'
         return f"<section><h2>{self.title}</h2>{note}{keys_html(self.keys)}{figures}</section>"
 
 
-def sections_html(sections: Iterable[FilmSection], notes: Iterable[str]) -> str:
+def space_of(sections: Iterable[FilmSection]) -> SpaceView | None:
+    """Return the first view in three dimensions of some sections: a page holds one, of some MB."""
+    return next((figure.space for each in sections for figure in each.figures if figure.space is not None), None)
+
+
+def sections_html(sections: Sequence[FilmSection], notes: Iterable[str]) -> str:
     """Return sections as HTML, and lines on films that are missing."""
     return "".join([*_numbered(sections), *(f'<p class="note">{html.escape(note)}</p>' for note in notes)])
 
 
-def _numbered(sections: Iterable[FilmSection]) -> Iterator[str]:
-    first = 0
+def _numbered(sections: Sequence[FilmSection]) -> Iterator[str]:
+    first, space = 0, space_of(sections)
     for each in sections:
-        yield each.html(first)
+        yield each.html(first, space)
         first += len(each.figures)

@@ -18,7 +18,7 @@ from coopsim.bench.films.film import FilmFrame, Rows
 from coopsim.bench.report.film_data import frame_data, home_of, map_data, tracks_data
 from coopsim.bench.report.formats import template
 from coopsim.bench.report.keys import FALSE_NOTE, SCENE, keys_html
-from coopsim.bench.report.space_data import SpaceView, space_section
+from coopsim.bench.report.space_data import SpaceView, space_html
 from coopsim.geometry.se3 import Floats
 from coopsim.types import NS_PER_S
 from coopsim.world.snapshot import RoadMap
@@ -61,7 +61,7 @@ class Scene:
     def html(self) -> str:
         """Return the sections of the page that `scene.js` fills, and the images."""
         return Template(template("scene.html")).substitute(
-            space=space_section(self.space), cameras=self._mosaic(), keys=keys_html(SCENE), false_note=FALSE_NOTE
+            space=space_html(self.space), cameras=self._mosaic(), keys=keys_html(SCENE), false_note=FALSE_NOTE
         )
 
     def data(self) -> dict[str, Any]:

@@ -97,7 +97,7 @@ class SpaceView:
     def html(self) -> str:
         """Return the empty view, which the script fills; it stays hidden where nothing in three dimensions is drawn."""
         about = html.escape(f"the episode in three dimensions: {', '.join(run.label for run in self.runs)}")
-        return f'<div class="space" data-space hidden aria-label="{about}"></div>'
+        return f'<div data-space aria-label="{about}"></div>'
 
 
 NOTE = """Orange is the chosen agent, blue are the others and what it knows by their messages alone: hidden cars and
@@ -105,11 +105,21 @@ people shine through houses and buses. A ring spreads where a message has just t
 fingers or shift to move, pinch or Ctrl + wheel to zoom, double click to reset; keys: arrows, +, -, space."""
 
 
-def space_section(view: SpaceView | None) -> str:
-    """Return the section of a view as HTML; empty without one."""
-    if view is None:
-        return ""
-    return f'<section><h2>In three dimensions</h2>{view.html()}<p class="note">{NOTE}</p></section>\n'
+def space_html(view: SpaceView | None) -> str:
+    """Return a view and its note as HTML, hidden until the script has filled it; empty without one."""
+    return "" if view is None else f'<div class="space" hidden>{view.html()}<p class="note">{NOTE}</p></div>'
+
+
+def pair_view(labels: Sequence[str], films: Sequence[Film], agent: str, first: int, last: int) -> SpaceView | None:
+    """Return two films side by side in three dimensions, from a frame to before another; None: not filmed so."""
+    if not all(film.solids for film in films):
+        return None
+    runs = [SpaceRun(label, film, _conflict(film)) for label, film in zip(labels, films, strict=True)]
+    return SpaceView(runs, agent, together=True, first=first, last=last)
+
+
+def _conflict(film: Film) -> list[int]:
+    return [] if film.drive is None else film.drive.drive.ids[film.drive.drive.in_conflict].tolist()
 
 
 def _deflated(*arrays: NDArray[Any]) -> str:

@@ -36,7 +36,7 @@ class SpacePlayer {
     this.state = { frame: 0, agent: told.names.indexOf(told.agent), view: "orbit", run: told.shown, playing: false };
     this.layers = { points: true, "false tracks": true, messages: true, "follow agent": false };
     this.controls();
-    host.hidden = false;
+    host.parentElement.hidden = false;
     this.canvas.addEventListener("webglcontextlost", (event) => { event.preventDefault(); this.static = null; });
     this.canvas.addEventListener("webglcontextrestored", () => { this.gl.build(); this.prepare().then(() => this.draw()); });
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.prepare().then(() => this.draw()));
@@ -386,4 +386,4 @@ class SpacePlayer {
   }
 }
 
-document.querySelectorAll("[data-space]").forEach((host, k) => new SpacePlayer(host, data.spaces[k]));
+new SpacePlayer(document.querySelector("[data-space]"), data.space);
