@@ -34,7 +34,11 @@ FLAGS = (
 )
 """Flags of the browser: without a graphics card it draws in three dimensions on the processor."""
 
-READY = "new Promise((done) => { const look = () => spaceViews.length ? done(true) : setTimeout(look, 20); look(); })"
+READY = (
+    "document.querySelector('[data-space]').scrollIntoView(), new Promise((done) => {"
+    "const look = () => spaceViews.length ? done(true) : setTimeout(look, 20); look(); })"
+)
+"""Script that waits until the page's view in three dimensions is drawn; it begins when it comes into sight."""
 
 
 def find_chromium(given: str | None = None) -> str | None:

@@ -100,7 +100,8 @@ def _unpacked(value: Any, pools: Mapping[str, Callable[[int], NDArray[Any]]]) ->
 
 def _taking(array: NDArray[Any]) -> Callable[[int], NDArray[Any]]:
     """Return a function that returns the next rows of an array at each call; places of 32 bits get 64."""
-    wide, at = array.astype(np.float64) if array.dtype == np.float32 else array, 0
+    # In rows: kernels take no array with gaps.
+    wide, at = np.ascontiguousarray(array, np.float64 if array.dtype == np.float32 else array.dtype), 0
 
     def take(count: int) -> NDArray[Any]:
         nonlocal at

@@ -374,11 +374,15 @@ class SpacePlayer {
     const { pen, colors } = this;
     const css = (color) => `rgb(${color.map((value) => Math.round(255 * value)).join(" ")})`;
     pen.textAlign = "center";
+    const taken = [];
     for (const [x, y, z, text, color] of notes) {
       const [u, v, , w] = [0, 1, 2, 3].map((row) => m[row] * x + m[4 + row] * y + m[8 + row] * z + m[12 + row]);
       if (w < 1 || w > 200 || Math.abs(u) > w || Math.abs(v) > w) continue;
+      const [at, line] = [left + ((u / w + 1) * width) / 2, top + ((1 - v / w) * height) / 2];
+      if (taken.some(([a, b]) => Math.abs(a - at) < 46 && Math.abs(b - line) < 13)) continue; // one over another cannot be read
+      taken.push([at, line]);
       pen.fillStyle = css(color);
-      writeOnHalo(pen, colors.back, text, left + ((u / w + 1) * width) / 2, top + ((1 - v / w) * height) / 2);
+      writeOnHalo(pen, colors.back, text, at, line);
     }
     pen.textAlign = "left";
     pen.fillStyle = colors.ink;
