@@ -253,7 +253,7 @@ class SpacePlayer {
     gl.disable(gl.POLYGON_OFFSET_FILL);
     for (const body of this.layers.points ? now.bodies : []) {
       const color = body === me ? paint.agent : paint.connected;
-      space.draw(space.fill(this.arrays.points, body.cloud), { ...values, color, road: paint.road, size: seat ? 2.8 : 3.4, nearest: seat ? 4 : 0 });
+      space.draw(space.fill(this.arrays.points, body.cloud), { ...values, color, road: paint.road, size: seat ? 2.8 : 3, nearest: seat ? 4 : 0 });
     }
     gl.depthMask(false);
     if (!seat) for (const edges of this.edges) space.draw(edges, values);
