@@ -47,7 +47,7 @@ class FromAbove:
         self._picture, self._draw = self._ground, ImageDraw.Draw(self._ground)
         for name, color in palette.MAP.items():
             for polygon in getattr(road_map, name):
-                self._draw.polygon(self.pixels(polygon), color)
+                self._draw.polygon(self.pixels(polygon), color, palette.KERB if name == "pavements" else None)
 
     def begin(self) -> None:
         """Begin a frame on the bare ground."""
@@ -74,6 +74,8 @@ class FromAbove:
     def points(self, points: Floats) -> None:
         """Draw points (N, 2), a pixel each; those outside are left out."""
         found = np.floor(self._pixels(points)).astype(np.int64)
+        block = np.indices((self._fine, self._fine)).reshape(2, -1).T
+        found = (found[:, None] + block).reshape(-1, 2)
         inside = found[((found >= 0) & (found < self._picture.size)).all(axis=1)]
         array = np.array(self._picture)
         array[inside[:, 1], inside[:, 0]] = palette.POINT

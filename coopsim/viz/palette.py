@@ -32,6 +32,9 @@ MAP: dict[str, RGB] = {
 }
 """Colours of a road map's polygons by field, in the order of painting."""
 
+KERB: RGB = (66, 72, 81)
+"""Colour of the edges of pavements."""
+
 LIGHT: dict[str, RGB] = {"G": (52, 199, 89), "g": (52, 199, 89), "y": (255, 190, 40), "r": (235, 70, 60)}
 """Colours of bars at stop lines, by the states of traffic lights."""
 

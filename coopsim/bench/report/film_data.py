@@ -25,6 +25,7 @@ _COLORS: Mapping[str, palette.RGB] = palette.MAP | {
     "agent": palette.AGENT,
     "connected": palette.CONNECTED,
     "hidden": palette.HIDDEN,
+    "kerb": palette.KERB,
     "crash": palette.CRASH,
     "text": palette.TEXT,
     "lie": palette.LIE,

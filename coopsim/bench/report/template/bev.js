@@ -48,7 +48,7 @@ function drawFromAbove(canvas, scene, index, tracks, { agent, eye, span, layers 
   const spot = (boxes, k) => [toX(boxes[k + 1] * scene.unit), toY(boxes[k + 2] * scene.unit)];
   context.fillStyle = scene.colors.background;
   context.fillRect(0, 0, width, height);
-  const fill = (polygons, color) => {
+  const fill = (polygons, color, edge = false) => {
     context.fillStyle = color;
     context.beginPath();
     for (const polygon of polygons) {
@@ -56,9 +56,12 @@ function drawFromAbove(canvas, scene, index, tracks, { agent, eye, span, layers 
       context.closePath();
     }
     context.fill("nonzero");
+    if (edge) context.stroke();
   };
   const { bars, ...ground } = scene.map;
-  for (const [name, polygons] of Object.entries(ground)) fill(polygons, scene.colors[name]);
+  context.strokeStyle = scene.colors.kerb;
+  context.lineWidth = 1;
+  for (const [name, polygons] of Object.entries(ground)) fill(polygons, scene.colors[name], name === "pavements");
   const frame = scene.frames[index];
   [...frame.lights].forEach((letter, k) => fill([bars[k]], scene.colors[letter]));
   if (layers.points) {
