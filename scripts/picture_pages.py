@@ -174,7 +174,7 @@ def frames_of(page: Page, first: int, last: int | None, step: int) -> Iterator[I
 def write_film(path: Path, pictures: Sequence[Image.Image], colors: int, lasts_ms: int) -> None:
     """Write pictures of one size as a GIF or a WebP, by the path's ending."""
     if path.suffix == ".webp":
-        pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=lasts_ms, loop=0, quality=60, method=6)
+        pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=lasts_ms, loop=0, quality=55, method=4)
         return
     sample = Image.new("RGB", (pictures[0].width, pictures[0].height * 3))
     for k, picture in enumerate((pictures[0], pictures[len(pictures) // 2], pictures[-1])):

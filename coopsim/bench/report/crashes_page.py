@@ -11,7 +11,6 @@ from coopsim.bench.report.bench_tables import text_table
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import Interval
 from coopsim.bench.safety.lie_costs import CRASH_HEADS, cost_heads, cost_rows, crash_rows
-from coopsim.bench.safety.safety_plots import crash_plots
 from coopsim.bench.safety.safety_text import (
     CHANGE_HEADS,
     change_rows,
@@ -54,7 +53,7 @@ def crashes_section(table: ResultTable) -> str:
         _GONE_NOTE if gone else "",
         f"<h3>What lies cost</h3>{text_table(CRASH_HEADS, lies, texts=2)}{_LIES_NOTE}" if lies else "",
         text_table(cost_heads(table), costs, texts=2) if costs else "",
-        f'<div class="figures">{"".join(crash_plots(table).values())}</div></section>',
+        "</section>",
     ]
     return "".join(parts)
 

@@ -1,7 +1,6 @@
 "use strict";
 
 // The bird's-eye view of all pages. Numbers come as integers in base64: `unit` metres, or `turn` radians, to the step.
-const COLORS = ["#2f7fc1", "#d4601c", "#2a9260", "#b0529e", "#a07d13", "#5f6ad4"]; // 3:1 on white and on black
 const BOX = 6; // id, x, y, length, width, yaw
 const TRAIL_S = 1;
 const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer;
