@@ -1,4 +1,4 @@
-"""Take pictures and films of pages, such as reports, in a Chromium without a screen; plain Python, no driver to install.
+"""Take pictures and films of pages, such as reports, in a Chromium without a screen, with plain Python.
 
     python scripts/picture_pages.py shot PAGE.html OUT.png [--hash t=4] [--dark] [--size 1200x800] [--of SELECTOR]
     python scripts/picture_pages.py film PAGE.html OUT.gif [--hash view=seat] [--dark] [--size 640x400] [--colors 64]
@@ -174,7 +174,9 @@ def frames_of(page: Page, first: int, last: int | None, step: int) -> Iterator[I
 def write_film(path: Path, pictures: Sequence[Image.Image], colors: int, lasts_ms: int) -> None:
     """Write pictures of one size as a GIF or a WebP, by the path's ending."""
     if path.suffix == ".webp":
-        pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=lasts_ms, loop=0, quality=55, method=4)
+        pictures[0].save(
+            path, save_all=True, append_images=pictures[1:], duration=lasts_ms, loop=0, quality=55, method=4
+        )
         return
     sample = Image.new("RGB", (pictures[0].width, pictures[0].height * 3))
     for k, picture in enumerate((pictures[0], pictures[len(pictures) // 2], pictures[-1])):
@@ -208,7 +210,8 @@ def time_view(page: Page) -> str:
         before = processor_s(page.process)
         took = page.run(
             "(async () => { const view = spaceViews[0], gl = view.gl.gl, pixel = new Uint8Array(4), took = [];"
-            "for (let k = 0; k < Math.min(view.world.count, 20); k++) { const began = performance.now(); await view.go(k);"
+            "for (let k = 0; k < Math.min(view.world.count, 20); k++) {"
+            "const began = performance.now(); await view.go(k);"
             "gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel); took.push(performance.now() - began); }"
             "return took.sort((a, b) => a - b); })()"
         )

@@ -9,7 +9,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coopsim.bench.grid.cell import CellResult
-from coopsim.cli.argument_types import count, count_or_zero, environments, names, numbers, policies, policy, varied, varied_option
+from coopsim.cli.argument_types import (
+    count,
+    count_or_zero,
+    environments,
+    names,
+    numbers,
+    policies,
+    policy,
+    varied,
+    varied_option,
+)
 from coopsim.cli.arguments import (
     FAILED,
     INTERRUPTED,

@@ -56,7 +56,7 @@ def footprints(boxes: Boxes3D) -> Floats:
 
 
 class BevRenderer:
-    """Renderer of frames over a map, for people: the truth grey, the ego orange, other agents blue, and its tracks green.
+    """Renderer of frames over a map, for people: truth grey, the ego orange, other agents blue, the ego's tracks green.
 
     A track where nothing is, is false: thin, grey and crossed out. North (y) is up. The view is centred on the agents
     in steps of 20 m, so that it does not move in every frame. The lower left corner is free for words of others.

@@ -82,7 +82,9 @@ class FromAbove:
         self._picture = Image.fromarray(array)
         self._draw = ImageDraw.Draw(self._picture)
 
-    def shape(self, corners: Floats, fill: palette.RGB | None, edge: palette.RGB | None = None, width: float = 1) -> None:
+    def shape(
+        self, corners: Floats, fill: palette.RGB | None, edge: palette.RGB | None = None, width: float = 1
+    ) -> None:
         """Draw a polygon (K, 2) m, `width` px about it."""
         self._draw.polygon(self.pixels(corners), fill, edge, width=round(width * self._fine) if edge else 0)
 

@@ -1,4 +1,4 @@
-"""A film's third dimension: what stands in the place, and for each frame boxes with heights and every agent's points."""
+"""A film's third dimension: what stands in the place, and in each frame boxes with heights and every agent's points."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def within_reach(points: Floats, origin: Floats) -> Mask:
 
 
 def solids_of(parts: Iterable[StaticPart], places: Floats) -> tuple[Solid, ...]:
-    """Return meshes by kind: of what stands up those near to one of the agents' places (P, 2), and all of the ground."""
+    """Return meshes by kind: of what stands up those near to an agent's place (P, 2), and all of the ground."""
     by_kind: dict[str, list[StaticPart]] = {}
     for part in parts:
         kind = _KIND_OF.get(part.name, "thing")
@@ -156,7 +156,9 @@ def _is_near(part: StaticPart, kind: str, places: Floats) -> bool:
 
 def _joined(kind: str, parts: Sequence[StaticPart]) -> Solid:
     first = np.cumsum([0, *(len(part.vertices) for part in parts)])
-    corners = [np.column_stack([part.vertices, np.full(len(part.vertices), part.vertices[:, 2].min())]) for part in parts]
+    corners = [
+        np.column_stack([part.vertices, np.full(len(part.vertices), part.vertices[:, 2].min())]) for part in parts
+    ]
     faces = np.concatenate([part.faces + start for part, start in zip(parts, first, strict=False)])
     return Solid(kind, np.round(np.concatenate(corners) / LENGTH_M).astype(np.int32), faces.astype(np.int32))
 

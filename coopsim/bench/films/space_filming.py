@@ -67,7 +67,9 @@ class SpaceFilming:
         return solids_of(self._parts, np.array(places).reshape(-1, 2))
 
 
-def seen_in(logs: Mapping[str, TrackLog], frames: int) -> list[dict[str, np.ndarray[tuple[int, ...], np.dtype[np.int64]]]]:
+def seen_in(
+    logs: Mapping[str, TrackLog], frames: int
+) -> list[dict[str, np.ndarray[tuple[int, ...], np.dtype[np.int64]]]]:
     """Return the ids of the objects that each agent's own LiDAR saw, for each of the first frames of logs."""
     seen: list[dict[str, np.ndarray[tuple[int, ...], np.dtype[np.int64]]]] = [{} for _ in range(frames)]
     for name, log in logs.items():

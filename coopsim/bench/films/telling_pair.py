@@ -35,7 +35,11 @@ def space_jobs(jobs: Sequence[Job], results: Mapping[str, CellResult]) -> list[F
     finished = [results[job.key] for job in jobs if not results[job.key].failed]
     pair = telling_pair(finished) if finished else None
     cells = {each.cell for each in pair or ()}
-    return [FilmedJob.like(job, of_each=job.of_each, space=True) for job in jobs if isinstance(job, FilmedJob) and job.cell in cells]
+    return [
+        FilmedJob.like(job, of_each=job.of_each, space=True)
+        for job in jobs
+        if isinstance(job, FilmedJob) and job.cell in cells
+    ]
 
 
 def has_space(result: CellResult) -> bool:

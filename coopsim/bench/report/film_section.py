@@ -48,7 +48,7 @@ class Panel:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """Two runs side by side, their plain data for the page's script, and the same in three dimensions if it was filmed."""
+    """Two runs side by side, their plain data for the page's script, and in three dimensions if they were filmed so."""
 
     caption: str
     panels: Sequence[Panel]

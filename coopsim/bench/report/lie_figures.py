@@ -41,9 +41,7 @@ def lie_figure(filmed: FilmedLie, table: ResultTable) -> Figure:
         "map": map_data(attacked.road_map, home),
         "sides": [_side(film, filmed, home) for film in (filmed.honest, attacked)],
     }
-    space = pair_view(
-        ["Honest", "Attacked"], [filmed.honest, attacked], pair.receiver, filmed.first, filmed.last
-    )
+    space = pair_view(["Honest", "Attacked"], [filmed.honest, attacked], pair.receiver, filmed.first, filmed.last)
     return Figure(f"{where}: {_cost(pair)}", panels, data, space)
 
 

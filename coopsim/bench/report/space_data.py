@@ -154,7 +154,9 @@ def _world(frame: FilmFrame, names: Sequence[str]) -> dict[str, Any]:
     saw = [np.isin(space.truth[:, 0], space.seen.get(name, ())).astype(np.uint8) for name in there]
     whole = [*(space.bodies[name] for name in there), space.truth]
     return {
-        "agents": [[names.index(name), int(frame.agents[name].rides), len(c)] for name, c in zip(there, clouds, strict=True)],
+        "agents": [
+            [names.index(name), int(frame.agents[name].rides), len(c)] for name, c in zip(there, clouds, strict=True)
+        ],
         "count": len(space.truth),
         "lights": frame.lights,
         "data": _deflated(*(each.astype("<i4") for each in whole), *saw, *(c.T for c in clouds), *masks),

@@ -13,8 +13,18 @@ from some_films import some_film
 from coopsim.bench.evaluate import evaluate
 from coopsim.bench.films.film import Film, Filming
 from coopsim.bench.films.film_file import film_bytes, read_film
-from coopsim.bench.films.space import CLOUD_M, LENGTH_M, box_rows, ground_of, on_ground, pack_cloud, solids_of, spread
-from coopsim.bench.films.space import unpack_cloud, within_reach
+from coopsim.bench.films.space import (
+    CLOUD_M,
+    LENGTH_M,
+    box_rows,
+    ground_of,
+    on_ground,
+    pack_cloud,
+    solids_of,
+    spread,
+    unpack_cloud,
+    within_reach,
+)
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.world.places.layout import flat_part, rectangle
 from coopsim.world.snapshot import StaticPart
@@ -35,12 +45,12 @@ def filmed(**change: Any) -> Film:
 
 
 def test_points_come_back_to_half_a_step_also_where_they_wrap_around() -> None:
-    points = np.random.default_rng(0).uniform(-1600, 1600, (500, 3)) + [5e4, -5e4, 0]
+    points = np.random.default_rng(0).uniform(-1600, 1600, (500, 3)) + np.array([5e4, -5e4, 0])
     origin = np.array([5e4, -5e4, 0.0])
     planes = pack_cloud(points, origin)
     assert planes.shape == (500, 6) and planes.dtype == np.uint8
     np.testing.assert_allclose(unpack_cloud(planes, origin), points, atol=CLOUD_M / 2 + 1e-6)
-    assert within_reach(points, origin).all() and not within_reach(points + [3000.0, 0, 0], origin).all()
+    assert within_reach(points, origin).all() and not within_reach(points + np.array([3000.0, 0, 0]), origin).all()
 
 
 def test_of_a_dense_cloud_few_points_stay_and_lone_ones_all() -> None:
@@ -59,7 +69,7 @@ def test_boxes_keep_their_place_to_half_a_centimetre() -> None:
 def test_solids_know_where_they_stand_and_far_ones_are_left_out() -> None:
     ground = flat_part("ground", [rectangle((-9.0, 9.0), (-9.0, 9.0))], 1.0, (0, 0, 0), 0.3)
     corners, faces = np.array([[0.0, 0, 1], [4, 0, 1], [0, 4, 9]]), np.array([[0, 1, 2]])
-    houses = [StaticPart("building", corners + [x, 0, 0], faces, (0, 0, 0), 0.3) for x in (0.0, 900.0)]
+    houses = [StaticPart("building", corners + np.array([x, 0, 0]), faces, (0, 0, 0), 0.3) for x in (0.0, 900.0)]
     flat, house = solids_of([*houses, ground], np.zeros((1, 2)))
     assert [flat.kind, house.kind] == ["ground", "house"] and len(house.vertices) == 3
     np.testing.assert_array_equal(house.vertices[:, 3] * LENGTH_M, 1.0)
