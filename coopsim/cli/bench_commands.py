@@ -9,7 +9,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coopsim.bench.grid.cell import CellResult
-from coopsim.cli.argument_types import count, count_or_zero, environments, names, numbers, policies, policy, varied, varied_option
+from coopsim.cli.argument_types import (
+    count,
+    count_or_zero,
+    environments,
+    names,
+    numbers,
+    policies,
+    policy,
+    varied,
+    varied_option,
+)
 from coopsim.cli.arguments import (
     FAILED,
     INTERRUPTED,
@@ -102,7 +112,7 @@ REPORT = Command(
 
 _NO_NUMBER = {
     **dict.fromkeys(("--out", "--workers", "--engine", "--address", "--json"), 1),
-    **dict.fromkeys(("--retry-failed", "--retry-unfilmed"), 0),
+    **dict.fromkeys(("--retry-failed", "--retry-unfilmed", "--film-3d"), 0),
 }
 """Flags that change no number, with how many words follow them: the command is noted without them."""
 
@@ -110,7 +120,9 @@ _NO_NUMBER = {
 def _add_bench(parser: argparse.ArgumentParser) -> None:
     grid = parser.add_argument_group("grid", "flags replace values of the preset or file")
     add = grid.add_argument
-    presets = "quick, latency, pose, loss, bandwidth, paper, safety, driving, lies, leaderboard, ...: see `list presets`"
+    presets = (
+        "quick, latency, pose, loss, bandwidth, paper, safety, driving, lies, leaderboard, ...: see `list presets`"
+    )
     add("--preset", metavar="NAME", help=presets)
     add("--grid", type=Path, metavar="FILE", help="YAML with these names, underscores for dashes")
     add("--trust", action="store_true", help="run code that FILE names as module:Class or file.py:Class")
@@ -143,6 +155,7 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     add_flags(how, "--isolate", "--salt-fd", "--dry-run")
     add("--retry-failed", action="store_true", help="repeat runs that failed")
     add("--retry-unfilmed", action="store_true", help="repeat runs that lack a film for --clips")
+    add("--film-3d", action="store_true", help="run the most telling pair again, to be seen in three dimensions")
     _add_outputs(parser.add_argument_group("report"))
 
 
@@ -187,6 +200,7 @@ def _bench(options: argparse.Namespace, grid: Grid) -> int:
                 retry_failed=options.retry_failed,
                 films=options.clips > 0,
                 retry_unfilmed=options.retry_unfilmed,
+                space=options.film_3d,
                 command=without_flags(options.typed, _NO_NUMBER),
                 isolation=isolation,
                 on_progress=bar.show,

@@ -15,9 +15,10 @@ from coopsim.bench.report.answer import Answer, answer_of
 from coopsim.bench.report.bench_tables import condition_table, failures, leaderboard
 from coopsim.bench.report.crashes_page import crashes_section
 from coopsim.bench.report.film_data import DRAWING
-from coopsim.bench.report.film_section import FilmSection, split_lead
+from coopsim.bench.report.film_section import FilmSection, space_of, split_lead
 from coopsim.bench.report.formats import definitions, fill_page
 from coopsim.bench.report.scene import Scene
+from coopsim.bench.report.space_data import SPACE_SCRIPTS
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.text.bench_text import COUNTS_TITLE, METHODS_TITLE
 from coopsim.bench.text.forms import interval_kinds
@@ -80,11 +81,16 @@ def render_bench_report(
     """
     shown, played, answer = table.shown, played or Played(), answer_of(table)
     lead, others = split_lead(played.sections)
+    space = scene.space if scene else space_of(played.sections)
     return fill_page(
         "bench.html",
-        style=("page.css", "bench.css"),
-        script=("bev.js", "curves.js", "bench.js", *(["scene.js"] if scene else [])),
-        data={**_data(table, played), **({"scene": scene.data()} if scene else {})},
+        style=("page.css", "bench.css", *(["space.css"] if space else [])),
+        script=("bev.js", "curves.js", "bench.js", *(["scene.js"] if scene else []), *(SPACE_SCRIPTS if space else [])),
+        data={
+            **_data(table, played),
+            **({"scene": scene.data()} if scene else {}),
+            **({"space": space.data()} if space else {}),
+        },
         title=title_of_report(about.title, answer),
         summary=_summary(table),
         answer=answer.html() if answer else "",
@@ -97,7 +103,8 @@ def render_bench_report(
         scene=scene.html() if scene else "",
         crashes=crashes_section(table),
         lead=lead,
-        films=others + "".join(f'<p class="note">{html.escape(note)}</p>' for note in played.notes),
+        films=others,
+        notes="".join(f'<p class="note">{html.escape(note)}</p>' for note in played.notes),
         tables="".join(
             f"<details{' open' * (k == 0)}><summary>{html.escape(label(condition, table.conditions))}</summary>"
             f"{condition_table(table, k)}</details>"
@@ -183,6 +190,7 @@ def _data(table: ResultTable, played: Played) -> dict[str, Any]:
         "values": {name: _intervals(table, name, [[k] for k in range(len(at))]) for name in metrics},
         "pooled": _pooled(table, metrics, at) if len(scenarios) > 1 else None,
         "bytes": BYTES,
+        "bounds": [k for k, name in enumerate(table.policies) if name in table.bounds],
         "drawing": dict(DRAWING),
         "pairs": played.data(),
     }
