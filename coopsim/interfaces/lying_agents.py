@@ -127,7 +127,7 @@ class LyingUplink(ContentUplink[Any]):
 
     def __init__(self, honest: ContentUplink[Any], corrupt: Callable[[str, Any, str], Any]) -> None:
         self.content = honest.content  # type: ignore[misc]  # of the class elsewhere
-        self.codec, self.codec_name = honest.codec, honest.codec_name
+        self.codec, self.codec_name, self.beside = honest.codec, honest.codec_name, honest.beside
         self._honest, self._corrupt = honest, corrupt
 
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:

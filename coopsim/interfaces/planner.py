@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from coopsim.config.spec import instantiate, parse_spec
@@ -13,6 +13,7 @@ from coopsim.support.registry import Registry
 from coopsim.support.user_code import class_at
 from coopsim.types import Tracks
 from coopsim.types.driving import Route
+from coopsim.types.intents import Intents
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,6 +34,7 @@ class PlannedCar:
         traffic_side: side of the road that vehicles keep to, "right" or "left".
         steering_rad: angle of the front wheels, of a car that the planner steers.
         wheelbase_m: distance between the axles, of which the middle is the car's, of a car that the planner steers.
+        intents: ways that other road users have told, with `uplink="intents"`; `intents.at(times_s)` has their places.
     """
 
     name: str
@@ -48,6 +50,7 @@ class PlannedCar:
     traffic_side: str = "right"
     steering_rad: float = 0.0
     wheelbase_m: float = 0.0
+    intents: Intents = field(default_factory=Intents.empty)
 
 
 Plan = float | tuple[float, float]

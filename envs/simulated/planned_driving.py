@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from coopsim.comms.received_intents import ReceivedIntents
 from coopsim.envs.frames import AgentFrame, Frame
 from coopsim.errors import InvalidValueError, PlannerError
 from coopsim.interfaces.planner import Plan, PlannedCar, Planner, PlannerOption, make_planner
-from coopsim.types import NS_PER_S, AgentSpec, Tracks
+from coopsim.types import NS_PER_S, AgentSpec, Observation, Tracks
 from coopsim.types.driving import LARGEST_ACCELERATION_M_S2, LARGEST_BRAKING_M_S2, LARGEST_STEERING_RAD
 
 LONGEST_CALL_S = 5.0
@@ -27,6 +28,13 @@ class PlannedDriving:
     def __init__(self, planner: PlannerOption, driven: Mapping[str, AgentSpec]) -> None:
         self._specs = driven
         self._planners = {name: make_planner(planner) for name in driven}
+        self._intents = {name: ReceivedIntents() for name in driven}
+
+    def hear(self, received: Mapping[str, Observation]) -> None:
+        """Take notice of what arrived at the driven cars, by name."""
+        for name, intents in self._intents.items():
+            if name in received:
+                intents.hear(received[name])
 
     def commands(self, frame: Frame, tracks: Mapping[str, Tracks]) -> dict[str, Plan]:
         """Ask the planner of each driven car that has not crashed for an acceleration, m/s², or with an angle, rad.
@@ -61,6 +69,7 @@ class PlannedDriving:
             state.traffic_side,
             state.steering_rad,
             state.wheelbase_m,
+            self._intents[name].now(agent.observation),
         )
         planner, began = self._planners[name], time.monotonic()
         try:
