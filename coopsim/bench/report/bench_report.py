@@ -34,11 +34,13 @@ class About:
         title: its title; empty: the question that the benchmark asks.
         command: the command that gives the same results again.
         settings: configuration and versions by name.
+        date: days on which runs ended; empty: unknown.
     """
 
     title: str = ""
     command: str = ""
     settings: Mapping[str, str] = field(default_factory=dict)
+    date: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +88,7 @@ def render_bench_report(
         script=("bev.js", "curves.js", "bench.js", *(["scene.js"] if scene else [])),
         data={**_data(table, played), **({"scene": scene.data()} if scene else {})},
         title=title_of_report(about.title, answer),
-        summary=_summary(table),
+        summary=f"{_summary(table)}, {about.date}" if about.date else _summary(table),
         answer=answer.html() if answer else "",
         leaderboards="".join(
             f'<div data-metric="{html.escape(name)}"{" hidden" * (name != shown[0])}>{leaderboard(table, name)}</div>'

@@ -143,18 +143,19 @@ def _about(provenance: Provenance, title: str, circumstances: Sequence[Mapping[s
     settings = {_with_unit(name): ", ".join(map(_short, values)) for name, values in lists.items()}
     settings |= {name: str(grid[name]) for name in ("vary", "frames") if grid.get(name) is not None}
     settings |= {option: ", ".join(map(_short, values)) for option, values in grid.get("axes", {}).items()}
-    settings |= {name: str(value) for name, value in grid.get("options", {}).items()}
+    settings |= {name: "none" if value is None else str(value) for name, value in grid.get("options", {}).items()}
     if software:
         settings["versions"] = ", ".join(f"{name} {number}" for name, number in software.items())
     settings |= {"commit": provenance.commit} if provenance.commit else {}
-    return About(title, provenance.command, settings | _ran(circumstances))
+    ran = _ran(circumstances)
+    return About(title, provenance.command, settings | ran, ran.get("date", ""))
 
 
 def _ran(circumstances: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     """Say on which days and machines runs ended, as far as they noted it."""
     days = sorted({str(each["ended"])[:10] for each in circumstances if "ended" in each})
-    machines = {", ".join(str(each[name]) for name in _MACHINE if name in each): None for each in circumstances}
-    known = [each for each in machines if each]
+    machines = {", ".join(str(each[name]) for name in _MACHINE if name in each) for each in circumstances}
+    known = sorted(machines - {""})
     return {
         **({"date": " to ".join(dict.fromkeys((days[0], days[-1])))} if days else {}),
         **({"machine": "; ".join(known)} if known else {}),
