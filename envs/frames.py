@@ -22,7 +22,7 @@ from coopsim.types.lies import Lie, lying_senders
 from coopsim.types.sensing import TRUTH_MODES
 from coopsim.wire.observation_format import ObservationFormat, pack_image
 from coopsim.world.intersections import LitJunction
-from coopsim.world.snapshot import Actors, AgentBody, RoadMap
+from coopsim.world.snapshot import Actors, AgentBody, RoadMap, StaticPart
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,6 +103,7 @@ class FrameSource(ABC):
         specs: specs of all agents that ever appear, in order, with the running episode's cameras and LiDARs.
         format: format of the agents' observations.
         road_map: outlines of the running episode's place, for pictures, and its traffic lights as they are now.
+        static: meshes of the running episode's place; none in a replay.
         capacity: the largest number of actors in a frame of any episode.
         region_m: (2,) half the length and width of the evaluation region around an agent; None: unlimited.
         any_score: recorded detections have scores that need not lie in [0, 1], and tracks have these.
@@ -112,6 +113,7 @@ class FrameSource(ABC):
     specs: Mapping[str, AgentSpec]
     format: ObservationFormat
     road_map: RoadMap
+    static: tuple[StaticPart, ...] = ()
     capacity: int
     region_m: tuple[float, float] | None
     any_score: bool = False

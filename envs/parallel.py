@@ -41,7 +41,7 @@ from coopsim.types.messages import MOST_STRANGERS
 from coopsim.viz.bev import BevFrame
 from coopsim.wire.actions import action_spaces, idle, unpack_actions
 from coopsim.wire.columns import space_of
-from coopsim.world.snapshot import RoadMap
+from coopsim.world.snapshot import RoadMap, StaticPart
 
 Packed = dict[str, Any]
 Stepped = tuple[dict[str, Packed], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]
@@ -301,6 +301,11 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     def road_map(self) -> RoadMap:
         """Outlines of the running episode's place for pictures, in the world frame."""
         return self._source.road_map
+
+    @property
+    def static(self) -> tuple[StaticPart, ...]:
+        """Meshes of the running episode's place that never move, in the world frame; none in a replay."""
+        return self._source.static
 
     @property
     def match_iou(self) -> float:

@@ -112,7 +112,7 @@ REPORT = Command(
 
 _NO_NUMBER = {
     **dict.fromkeys(("--out", "--workers", "--engine", "--address", "--json"), 1),
-    **dict.fromkeys(("--retry-failed", "--retry-unfilmed"), 0),
+    **dict.fromkeys(("--retry-failed", "--retry-unfilmed", "--film-3d"), 0),
 }
 """Flags that change no number, with how many words follow them: the command is noted without them."""
 
@@ -155,6 +155,7 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     add_flags(how, "--isolate", "--salt-fd", "--dry-run")
     add("--retry-failed", action="store_true", help="repeat runs that failed")
     add("--retry-unfilmed", action="store_true", help="repeat runs that lack a film for --clips")
+    add("--film-3d", action="store_true", help="run the most telling pair again, to be seen in three dimensions")
     _add_outputs(parser.add_argument_group("report"))
 
 
@@ -199,6 +200,7 @@ def _bench(options: argparse.Namespace, grid: Grid) -> int:
                 retry_failed=options.retry_failed,
                 films=options.clips > 0,
                 retry_unfilmed=options.retry_unfilmed,
+                space=options.film_3d,
                 command=without_flags(options.typed, _NO_NUMBER),
                 isolation=isolation,
                 on_progress=bar.show,

@@ -65,7 +65,7 @@ class Simulation(FrameSource):
         self._conflicts: tuple[int, ...] = ()
         self._driven = self._driven_among(bodies)
         self.specs = self._specify(bodies)
-        self._world, self.road_map = world, world.map
+        self._world, self.road_map, self.static = world, world.map, world.static
         most = len(world.actors()) if scenarios.most_actors is None else scenarios.most_actors
         self.capacity = most if recording is None else recording.most_actors
         self.region_m = options.region_m
@@ -83,7 +83,8 @@ class Simulation(FrameSource):
             self._equipment.require_free_masts(world.agents().values())
         if self._options.record is not None:
             world = RecordedWorld(world, self._options.record, self._scenario, seed, self._options.dt_s)
-        self.specs, self._world, self.road_map = self._specify(world.agents()), made, made.map
+        self.specs, self._world = self._specify(world.agents()), made
+        self.road_map, self.static = made.map, made.static
         self._episode = SimulatedEpisode(self._options, self._equipment, world, self.specs, seed, self._scenario)
         self._conflicts = made.conflict_ids if isinstance(made, DrivenWorld) else ()
         if isinstance(made, DrivenWorld) and self._driven:

@@ -25,6 +25,7 @@ from coopsim.bench.safety.paired import (
     changes_along,
     compare_runs,
     is_gain,
+    kinds_of,
 )
 from coopsim.bench.text.forms import difference_text, form_of, format_value, interval_beside
 from coopsim.metrics.built_in import BYTES, all_metrics, is_yes_no, less_is_better
@@ -92,6 +93,7 @@ def _shared(table: ResultTable, metric: str, best: int, known: dict[int, Change]
     assert alone is not None, "there is a change"
     policy = found.policy + f", the best of {len(known)} policies," * (len(known) > 1)
     points = [
+        *_kinds(table, metric, best),
         *_pair("Other policies", _others(table, metric, best, known)),
         *_pair("What it costs", "; ".join(_costs(table, best))),
         *_limits(table, metric, best),
@@ -109,6 +111,16 @@ def _shared(table: ResultTable, metric: str, best: int, known: dict[int, Change]
         text += f" over {table.samples.text}" * (found.pairs > 1)
     begin = _verdict(found, metric) if found.pairs > 1 else f"In {table.samples.text}, which shows little"
     return Answer(question, f"{begin}: {text}.", tuple(points))
+
+
+def _kinds(table: ResultTable, metric: str, policy: int) -> Iterator[tuple[str, str]]:
+    """Yield what messages change in drives as traffic has them, and in those made to need messages."""
+    for kind, conditions in kinds_of(table) if metric == CRASH else ():
+        found = change(table, policy, conditions)
+        if found is not None:
+            text = f"a car alone crashes in {found.alone:.1f} % of {found.pairs} drives, with messages in "
+            text += f"{found.sharing:.1f} %: {difference_text(found.change, '.1f')} points"
+            yield from _pair(f"Drives {kind}", text)
 
 
 def _verdict(found: Change, metric: str) -> str:

@@ -15,9 +15,10 @@ from coopsim.bench.report.answer import Answer, answer_of
 from coopsim.bench.report.bench_tables import condition_table, failures, leaderboard
 from coopsim.bench.report.crashes_page import crashes_section
 from coopsim.bench.report.film_data import DRAWING
-from coopsim.bench.report.film_section import FilmSection, split_lead
+from coopsim.bench.report.film_section import FilmSection, space_of, split_lead
 from coopsim.bench.report.formats import definitions, fill_page
 from coopsim.bench.report.scene import Scene
+from coopsim.bench.report.space_data import SPACE_SCRIPTS
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.text.bench_text import COUNTS_TITLE, METHODS_TITLE
 from coopsim.bench.text.forms import interval_kinds
@@ -82,11 +83,16 @@ def render_bench_report(
     """
     shown, played, answer = table.shown, played or Played(), answer_of(table)
     lead, others = split_lead(played.sections)
+    space = scene.space if scene else space_of(played.sections)
     return fill_page(
         "bench.html",
-        style=("page.css", "bench.css"),
-        script=("bev.js", "curves.js", "bench.js", *(["scene.js"] if scene else [])),
-        data={**_data(table, played), **({"scene": scene.data()} if scene else {})},
+        style=("page.css", "bench.css", *(["space.css"] if space else [])),
+        script=("bev.js", "curves.js", "bench.js", *(["scene.js"] if scene else []), *(SPACE_SCRIPTS if space else [])),
+        data={
+            **_data(table, played),
+            **({"scene": scene.data()} if scene else {}),
+            **({"space": space.data()} if space else {}),
+        },
         title=title_of_report(about.title, answer),
         summary=f"{_summary(table)}, {about.date}" if about.date else _summary(table),
         answer=answer.html() if answer else "",

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from coopsim.bench.report.keys import keys_html
+from coopsim.bench.report.space_data import SpaceView, space_html
 
 _PLAYER = (
     '<div class="player"><button>Play</button><input type="range" min="0" value="0" aria-label="frame" '
@@ -47,11 +48,12 @@ class Panel:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """Two runs side by side, and their plain data for the page's script."""
+    """Two runs side by side, their plain data for the page's script, and in three dimensions if they were filmed so."""
 
     caption: str
     panels: Sequence[Panel]
     data: dict[str, Any]
+    space: SpaceView | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +68,8 @@ class FilmSection:
     def html(self, first: int, *, lead: bool = False) -> str:
         """Return the section; `first` is the number of its first figure's data in the page.
 
-        In the `lead` of a page the words stand below the figure.
+        In the `lead` of a page the words stand below the figure, which plays in three dimensions, too, as far as it was
+        filmed so.
         """
         if not self.figures:
             return ""
@@ -74,12 +77,17 @@ class FilmSection:
             f'<figure class="clip" data-pair="{first + k}">'
             f"<figcaption>{html.escape(each.caption)}</figcaption>"
             f'<div class="pair">{"".join(panel.html(side) for side, panel in enumerate(each.panels))}</div>'
-            f"{_PLAYER}</figure>"
+            f"{_PLAYER}{space_html(each.space if lead else None)}</figure>"
             for k, each in enumerate(self.figures)
         )
         note, keys = f'<p class="note">{self.note}</p>', keys_html(self.keys)
         parts = (figures, keys, note) if lead else (note, keys, figures)
         return f"<section><h2>{self.title}</h2>{''.join(parts)}</section>"
+
+
+def space_of(sections: Iterable[FilmSection]) -> SpaceView | None:
+    """Return the first figure's view in three dimensions; of the others' a page has no room, for some MB each."""
+    return next((each.figures[0].space for each in sections if each.figures), None)
 
 
 def split_lead(sections: Sequence[FilmSection]) -> tuple[str, str]:

@@ -15,7 +15,7 @@ from coopsim.bench.grid.labels import varying_axes
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import Interval, holm
 from coopsim.bench.safety.lie_costs import COSTS, CRASH_HEADS, cost_heads, cost_rows, crash_rows
-from coopsim.bench.safety.paired import Change, along, calm, change, changes_along, gone_at, rank_correlation
+from coopsim.bench.safety.paired import Change, along, calm, change, changes_along, gone_at, kinds_of, rank_correlation
 from coopsim.bench.text.forms import difference_text, form_of, format_value, markdown_table, mean_cells, sections_text
 from coopsim.metrics.built_in import BYTES
 from coopsim.metrics.driving import DRIVING
@@ -40,6 +40,7 @@ def to_safety_markdown(table: ResultTable) -> str:
             markdown_table(price_heads(table), price_rows(table)),
             "Mean per episode, with messages minus without, with 95 % intervals.",
         ),
+        ("Scores", markdown_table(SCORE_HEADS, score_rows(table), texts=3), _SCORES_NOTE),
         ("What lies cost", _lies(table), _LIES_NOTE),
         ("Driving", _driving(table), "Means over all situations where nothing disturbs, or as little as was run."),
         (
@@ -61,6 +62,13 @@ CHANGES_NOTE = """Against the policy that sends nothing, with the same seeds, wh
 was run. *Avoided*: without messages it crashes, with them it does not; *caused*: the other way round. p is McNemar's,
 corrected for all rows by Holm's method."""
 
+SCORE_HEADS = ("policy", "drives", "metric", "pairs", "without messages", "with messages", "difference", "p")
+
+_SCORES = ("driving_score", "success", "epdms", "crash", "lead_time")
+
+_SCORES_NOTE = """Means over the paired drives of each kind, and 95 % intervals of the difference. p is McNemar's of
+yes or no, else that of a paired bootstrap, corrected for all rows by Holm's method."""
+
 _LIES_NOTE = """Each attack against the same policy with the same seeds while nobody lies, and nothing else disturbs.
 *Avoided*: only the honest run ends in a crash; *caused*: only that with the lie. The second table has mean differences
 per episode, lie minus honest, with 95 % intervals: brakes for nothing, hard brakes, share of the way driven, and time
@@ -80,8 +88,8 @@ def crash_rate(table: ResultTable, policy: int, conditions: Sequence[int]) -> In
 
 
 def situations(table: ResultTable) -> list[tuple[str, list[int]]]:
-    """Return the situations with the condition that disturbs least, then all together."""
-    rows = [(scenario, calm(table, scenario)) for scenario in table.scenarios]
+    """Return the situations with the condition that disturbs least, then the kinds of drives, and all together."""
+    rows = [(scenario, calm(table, scenario)) for scenario in table.scenarios] + kinds_of(table)
     return [*rows, (ALL_SITUATIONS, calm(table))] if len(rows) > 1 else rows
 
 
@@ -111,6 +119,28 @@ def change_rows(table: ResultTable) -> list[list[str]]:
         [table.names[found.policy], scenario, *_change_cells(found), f"{p_value:.2g}"]
         for (scenario, found), p_value in zip(known, corrected.tolist(), strict=True)
     ]
+
+
+def score_rows(table: ResultTable) -> list[list[str]]:
+    """Return rows of text below `SCORE_HEADS`: what messages change in scores, by policy and kind of drives."""
+    tried = [
+        (kind, metric, change(table, k, conditions, metric))
+        for k in _competitors(table)
+        for kind, conditions in kinds_of(table)
+        for metric in _SCORES
+    ]
+    known = [(kind, metric, found) for kind, metric, found in tried if found is not None]
+    corrected = holm(np.array([found.p_value for *_, found in known]))
+    rows = []
+    for (kind, metric, found), p_value in zip(known, corrected.tolist(), strict=True):
+        form = form_of(metric)
+        cells = [
+            format_value(found.alone, form),
+            format_value(found.sharing, form),
+            difference_text(found.change, form),
+        ]
+        rows.append([table.names[found.policy], kind, metric, str(found.pairs), *cells, f"{p_value:.2g}"])
+    return rows
 
 
 def _change_cells(found: Change) -> list[str]:

@@ -91,3 +91,23 @@ def test_the_page_has_all_tables() -> None:
     assert {"avoided", "caused", "gain ends at", "phantom brakes"} <= set(page.texts("th"))
     lied = Page(crashes_section(ResultTable.of(crash_results(conditions=ATTACKED))))
     assert "What lies cost" in lied.texts("h3") and "cav_1=remove" in lied.texts("td", "about")
+
+
+def test_drives_as_traffic_has_them_stand_beside_those_made_to_need_messages() -> None:
+    both = [Condition("interaction(kind=cut_in)"), Condition("merge_barrier")]
+    results = crash_results(
+        lambda policy, condition, seed: seed < RATES[policy] * (condition.scenario == "merge_barrier"),
+        conditions=both,
+        epdms=lambda policy: 100.0 - RATES[policy],
+    )
+    text = to_safety_markdown(ResultTable.of(results))
+    rows = [" ".join(line.split()) for line in text.splitlines()]
+    assert any(row.startswith("| as traffic has them | 0 % (0 to 28) |") for row in rows)
+    assert any(row.startswith("| late_fusion | made to need messages | 10 | 50 % | 20 % | 3 | 0 |") for row in rows)
+    scores = [row for row in rows if row.startswith("| late_fusion | as traffic has them | ")]
+    assert any(
+        row.startswith("| late_fusion | as traffic has them | epdms | 10 | 95.0 | 98.0 | +3.0") for row in scores
+    )
+    assert not any(
+        "as traffic has them" in row for row in to_safety_markdown(ResultTable.of(crash_results())).splitlines()
+    )
