@@ -17,6 +17,7 @@ from coopsim.bench.report.publish import publish
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.safety.safety_text import to_safety_markdown
 from coopsim.bench.text.bench_text import to_markdown
+from coopsim.bench.text.lies_text import to_lies_markdown
 from tests.helpers.crashes import crash_results
 
 PLACES = [Condition(name, latency_s=each) for name in ("crossing", "merge") for each in (0.0, 0.3)]
@@ -78,6 +79,15 @@ def test_a_report_tells_when_and_where_its_runs_ended(noted: list[dict[str, Any]
 def test_without_notes_there_is_no_date(tmp_path: Path) -> None:
     publish(tmp_path, results())
     assert not {"date", "machine"}.intersection(Page((tmp_path / "report.html").read_text()).texts("dt"))
+
+
+def test_nothing_of_lies_stands_in_another_file_alone() -> None:
+    attacked = [Condition("merge", attacks=each) for each in ("", "cav_1=remove")]
+    table = ResultTable.of(crash_results(conditions=attacked, sAMOTA=lambda policy: 50.0 + len(policy)))
+    page = Page(render_bench_report(table, About()))
+    heads = [line.removeprefix("## ") for line in to_lies_markdown(table).splitlines() if line.startswith("## ")]
+    assert heads and set(heads) <= set(page.texts("h3")) and "What lies change" in page.texts("h2")
+    assert "What lies change" not in Page(render_bench_report(CRASHES, About())).texts("h2")
 
 
 HOUSE_WORDS = re.compile(r"\b(undisturbed|least disturbed|worst in|cells?|mildest|telling|gone at|sharing)\b")
