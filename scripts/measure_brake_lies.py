@@ -1,6 +1,6 @@
 """Measure lies that aim at the brakes: what they make a driven car do that its honest twin does not, by defence.
 
-`python scripts/measure_brake_lies.py --out FOLDER [--seeds 4000-4011] [--plan attacks,defences,planners]` runs paired
+`python scripts/measure_brake_lies.py --out FOLDER [--seeds 4000-4011] [--plan core,attacks,defences,planners]` runs paired
 episodes, keeps each in a file of the folder, and goes on where it stopped; `--table` prints what is there.
 
 A lie succeeds if the car brakes hard at a time, within a second, at which its honest twin does not, or crashes where
@@ -27,16 +27,17 @@ from coopsim.interfaces.guard import ASKED
 from coopsim.metrics.drive_events import find_events
 
 SITUATIONS = ("parking_street", "occluded_crossing")
-FRAMES, SAME_S, OWN_M = 60, 1.0, 2.0
+FRAMES, SAME_S, OWN_M = 50, 1.0, 2.0
 SENSORS = {"lidar": "VLP-16", "lidar_columns": 300, "threads": 1}
 ATTACKS = {
-    "nudge": "pose_offset(x_m=0.3)",
-    "shift": "shift_into_path",
-    "shift_half": "shift_into_path(most_m=0.45)",
-    "shift_slow": "shift_into_path(speed_m_s=1.5)",
-    "hide": "hide_conflict",
-    "phantom": "phantom_stop",
-    "poison": "trust_poison",
+    "nudge": "pose_offset(x_m=0.3, start_s=1)",
+    "shift": "shift_into_path(start_s=1)",
+    "shift_half": "shift_into_path(most_m=0.45, start_s=1)",
+    "shift_slow": "shift_into_path(speed_m_s=1.5, start_s=1)",
+    "shift_sly": "shift_into_path(back_m_s=0.3, start_s=1)",
+    "hide": "hide_conflict(start_s=1)",
+    "phantom": "phantom_stop(start_s=1)",
+    "poison": "trust_poison(start_s=1)",
 }
 LIARS = {"one": ("rsu_0",), "all": ("rsu_0", "cav_1")}
 
@@ -47,16 +48,18 @@ Case = tuple[str, str, str, str, str]
 def cases(plan: str) -> Iterator[Case]:
     """Yield the cases of a plan, honest ones first."""
     main = ("idm_aeb", "late_fusion")
-    if plan == "attacks":
-        yield (*main, "", "", "all")
-        yield from ((*main, "", name, "all") for name in ("nudge", "shift", "phantom", "hide", "poison"))
-        yield from ((*main, "", name, who) for name, who in (("shift", "one"), ("phantom", "one")))
-        yield from ((*main, "", name, "all") for name in ("shift_half", "shift_slow"))
+    if plan == "core":
+        yield from ((*main, "", name, "all") for name in ("", "shift", "phantom", "poison"))
+        yield from ((*main, "witness", name, "all") for name in ("", "shift", "phantom"))
+    elif plan == "attacks":
+        yield from ((*main, "", name, "all") for name in ("", "nudge", "hide", "shift_half", "shift_slow"))
+        yield from ((*main, "", name, "one") for name in ("shift", "phantom"))
     elif plan == "defences":
-        for name in ("", "shift", "phantom", "hide", "poison"):
-            yield from ((*main, defense, name, "all") for defense in ("witness", "consistency"))
-        yield from ((*main, "robosac", name, "one") for name in ("", "poison"))
-        yield (*main, "witness", "poison", "one")
+        yield from ((*main, "consistency", name, "all") for name in ("", "shift", "phantom"))
+        yield from ((*main, "witness", name, "all") for name in ("", "hide", "shift_sly"))
+        yield from (
+            (*main, each, name, "one") for each in ("robosac", "consistency", "witness") for name in ("", "poison")
+        )
     else:
         others = (("route_follower", "late_fusion"), ("idm_aeb", "coop_fuse"))
         yield from ((*each, "", name, "all") for each in others for name in ("", "shift", "phantom"))
@@ -157,7 +160,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--seeds", default="4000-4011")
-    parser.add_argument("--plan", default="attacks,defences,planners")
+    parser.add_argument("--plan", default="core,attacks,defences,planners")
     parser.add_argument("--table", action="store_true")
     given = parser.parse_args()
     first, last = map(int, given.seeds.split("-"))

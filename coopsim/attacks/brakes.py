@@ -24,8 +24,8 @@ from coopsim.types.taxonomy import ObjectClass
 HARD_M_S2 = -3.0
 """Braking that an attacker is after: what is counted as hard."""
 
-_REACH_M, _ASIDE_M = 45.0, 8.0
-"""Part of the way ahead, and distance to its sides, in which an object may matter within a few seconds."""
+_REACH_S, _REACH_M, _ASIDE_M = 2.5, 8.0, 8.0
+"""Part of the way ahead, as time and a distance more, and distance to its sides, in which an object may matter soon."""
 
 
 def _candidates(victim: VictimPlan, most: int) -> Ints:
@@ -33,7 +33,8 @@ def _candidates(victim: VictimPlan, most: int) -> Ints:
 
     An object of which others tell, too, moves less in their mean.
     """
-    ahead = (victim.along_m > 0) & (victim.along_m < _REACH_M) & (np.abs(victim.aside_m) < _ASIDE_M) & (victim.id >= 0)
+    reach_m = _REACH_S * victim.speed_m_s + _REACH_M
+    ahead = (victim.along_m > 0) & (victim.along_m < reach_m) & (np.abs(victim.aside_m) < _ASIDE_M) & (victim.id >= 0)
     rows = np.flatnonzero(ahead)
     return rows[np.lexsort((victim.along_m[rows], victim.heard[rows]))][:most]
 
@@ -56,26 +57,27 @@ class ShiftIntoPath(AimedAttack):
     Attributes:
         most_m: largest distance of an object from its place; 2 m is the gate of most matching.
         speed_m_s: speed with which it seems to come.
+        back_m_s: speed with which it is moved away before; a slow one is hard to tell from standing.
         objects: most objects that are prepared at a time.
         score: confidence that is stated of them: the surer, the more it weighs in a mean.
     """
 
     most_m: float = 0.9
     speed_m_s: float = 3.0
+    back_m_s: float = 1.5
     objects: int = 3
     score: float = 0.99
 
     def __post_init__(self) -> None:
         super().__post_init__()
         require_number("in (0, 2]", lambda far: 0 < far <= 2, most_m=self.most_m)
-        require_positive(speed_m_s=self.speed_m_s)
+        require_positive(speed_m_s=self.speed_m_s, back_m_s=self.back_m_s)
         require_probability(score=self.score)
         require_count(1, 20, objects=self.objects)
         self._offset_m: dict[int, float] = {}
         self._pushed: set[int] = set()
 
     def plan(self, victim: VictimPlan) -> None:
-        step_m = self.speed_m_s * victim.dt_s
         for row in _candidates(victim, self.objects).tolist():
             number, toward = int(victim.id[row]), victim.toward[row]
             offset_m = self._offset_m.get(number, 0.0)
@@ -83,7 +85,7 @@ class ShiftIntoPath(AimedAttack):
                 self._pushed.add(number)
             elif number in self._pushed and offset_m >= self.most_m:
                 self._pushed.discard(number)
-            offset_m += step_m if number in self._pushed else -step_m / 2
+            offset_m += victim.dt_s * (self.speed_m_s if number in self._pushed else -self.back_m_s)
             offset_m = min(max(offset_m, -self.most_m), self.most_m)
             speed = (offset_m - self._offset_m.get(number, 0.0)) / victim.dt_s
             self._offset_m[number] = offset_m

@@ -158,5 +158,5 @@ def _require_no_condition(scenario: str) -> None:
         if options.get(name) is not None:
             raise InvalidValueError(
                 f"scenarios must have no {name} of their own in a grid, got {scenario!r}: move it to the grid's "
-                "options, where it is the same in all cells"
+                "options, where it is the same in all runs"
             )

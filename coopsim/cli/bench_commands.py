@@ -120,7 +120,9 @@ _NO_NUMBER = {
 def _add_bench(parser: argparse.ArgumentParser) -> None:
     grid = parser.add_argument_group("grid", "flags replace values of the preset or file")
     add = grid.add_argument
-    presets = "quick, latency, pose, loss, bandwidth, paper, safety, driving, lies, leaderboard, ...: see `list presets`"
+    presets = (
+        "quick, latency, pose, loss, bandwidth, paper, safety, driving, lies, leaderboard, ...: see `list presets`"
+    )
     add("--preset", metavar="NAME", help=presets)
     add("--grid", type=Path, metavar="FILE", help="YAML with these names, underscores for dashes")
     add("--trust", action="store_true", help="run code that FILE names as module:Class or file.py:Class")

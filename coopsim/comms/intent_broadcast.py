@@ -58,10 +58,15 @@ class IntentBroadcast:
         due, self._before_ns = is_due(self._before_ns, time_ns, EVERY_NS), time_ns
         found: dict[str, list[Message]] = {}
         for name, codecs in self._senders.items():
-            if not due or name not in cars or cars[name].crashed:
+            if name not in cars or cars[name].crashed:
                 continue
-            payloads = [(encode_mcm(planned_path(name, time_ns, cars[name], poses[name])), MCM)] * (MCM in codecs)
-            if DENM in codecs and (brake := self._hard_brake(name, time_ns, cars[name], poses[name])) is not None:
+            brake = self._hard_brake(name, time_ns, cars[name], poses[name])
+            if not due:
+                continue
+            payloads = []
+            if MCM in codecs:
+                payloads.append((encode_mcm(planned_path(name, time_ns, cars[name], poses[name])), MCM))
+            if DENM in codecs and brake is not None:
                 payloads.append((encode_denm(brake), DENM))
             found[name] = [Message(name, time_ns, poses[name], *each) for each in payloads]
         return found

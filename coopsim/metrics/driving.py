@@ -84,7 +84,7 @@ def _completion(events: DriveEvents) -> float:
 
 
 def _driving_score(events: DriveEvents) -> float:
-    """Return the completion on the road, times the penalties of a crash and of red lights; a car that stood has none."""
+    """Return the completion on the road, times penalties of a crash and of red lights; a car that stood has none."""
     crash, rules = events.crash, events.rules
     hit = PENALTIES[crash.party] if crash is not None and crash.moved else 1.0
     return _completion(events) * (1 - rules.off_road) * hit * RED_LIGHT**rules.red_lights

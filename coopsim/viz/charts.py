@@ -82,10 +82,11 @@ class Look:
 def looks(policies: Sequence[str]) -> dict[str, Look]:
     """Return the look of each policy: well-known ones have the same everywhere, the others those that are left.
 
-    Of several variants of a well-known policy the first has its look. The first 30 looks differ.
+    Of several variants of a well-known policy one has its look: the plain one, or else that which replays late
+    messages. The first 15 looks differ.
     """
     numbers: dict[str, int] = {}
-    for name in policies:
+    for name in sorted(policies, key=lambda each: ("(" in each, not each.endswith("(delayed=replay)"))):
         number = _OWN.get(name.partition("(")[0])
         if number is not None and number not in numbers.values():
             numbers[name] = number

@@ -207,7 +207,7 @@ class SimulationOptions(PerceptionOptions):
         driven_agents: names of the connected cars that `control` is about; the traffic model drives the others. None:
             all of them.
         ends_on_crash: the episode terminates when one of these cars crashes.
-        ends_on_arrival: the episode terminates when all of these cars have reached their goals, which steered cars have.
+        ends_on_arrival: the episode terminates when all of these cars have reached their goals; rails have none.
         ground_truth: the objects that count: "visible" (hit by some agent's LiDAR) or "all".
         region_x_m: objects within this distance ahead of and behind the agent count.
         region_y_m: objects within this distance to its left and right count.

@@ -13,9 +13,10 @@ from coopsim.bench.grid.labels import mildest
 from coopsim.bench.paper.tables import short_names
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import Interval
+from coopsim.bench.text.forms import name_of
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.built_in import BYTES, less_is_better
-from coopsim.viz.charts import GREY, PAGE_IN, Look, looks, place_bytes, to_svg
+from coopsim.metrics.built_in import BYTES, is_yes_no, less_is_better
+from coopsim.viz.charts import GREY, PAGE_IN, Look, limit_height, looks, place_bytes, to_svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -95,12 +96,14 @@ def trade_off(table: ResultTable, metric: str, sends: Mapping[str, str]) -> str:
 
     def draw(figure: Figure) -> None:
         panel = figure.subplots()
-        panel.set(xlabel="bytes a second that an agent broadcasts", ylabel=metric)
+        panel.set(xlabel="bytes a second that an agent broadcasts", ylabel=name_of(metric))
         many = len(table.scenarios) > _NAMED_SCENARIOS
         where = f"{len(table.scenarios)} environments" if many else ", ".join(table.scenarios)
         panel.set_title(f"{where}: mean over {table.samples.text}")
         if points:
             _draw_points(panel, points, less)
+            if is_yes_no(metric):
+                limit_height([panel], from_zero=True)
             _label(figure, panel, points)
 
     return to_svg(draw, *_SIZE_IN)

@@ -12,6 +12,7 @@ from coopsim.bench.grid.axis import Axis
 from coopsim.bench.grid.labels import mildest_along, values_of, varying_axes
 from coopsim.bench.paper.tables import short_names
 from coopsim.bench.results.result_table import ResultTable
+from coopsim.bench.text.forms import name_of
 from coopsim.metrics.built_in import is_yes_no
 from coopsim.viz.charts import (
     COLUMN_IN,
@@ -68,7 +69,7 @@ def _plot(table: ResultTable, metric: str, axis: Axis, scenarios: Sequence[str |
             panel.set_axis_off()
         limit_height(panels[: len(scenarios)], from_zero=is_yes_no(metric))
         for panel in panels[::columns]:
-            panel.set_ylabel(f"{metric} (% of episodes)" if is_yes_no(metric) else metric)
+            panel.set_ylabel(name_of(metric))
         if axis.named or not fit_beside(list(names)):
             legend_below(figure, names, lines=not axis.named)
         else:

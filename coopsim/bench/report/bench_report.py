@@ -103,7 +103,8 @@ def render_bench_report(
         scene=scene.html() if scene else "",
         crashes=crashes_section(table),
         lead=lead,
-        films=others + "".join(f'<p class="note">{html.escape(note)}</p>' for note in played.notes),
+        films=others,
+        notes="".join(f'<p class="note">{html.escape(note)}</p>' for note in played.notes),
         tables="".join(
             f"<details{' open' * (k == 0)}><summary>{html.escape(label(condition, table.conditions))}</summary>"
             f"{condition_table(table, k)}</details>"
@@ -189,6 +190,7 @@ def _data(table: ResultTable, played: Played) -> dict[str, Any]:
         "values": {name: _intervals(table, name, [[k] for k in range(len(at))]) for name in metrics},
         "pooled": _pooled(table, metrics, at) if len(scenarios) > 1 else None,
         "bytes": BYTES,
+        "bounds": [k for k, name in enumerate(table.policies) if name in table.bounds],
         "drawing": dict(DRAWING),
         "pairs": played.data(),
     }

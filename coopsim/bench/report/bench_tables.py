@@ -55,7 +55,6 @@ def leaderboard(table: ResultTable, metric: str) -> str:
 def condition_table(table: ResultTable, condition: int) -> str:
     """Return all shown metrics of every policy in one condition; the best of each is marked."""
     metrics = [*table.shown, *([BYTES] if BYTES in table.metrics else [])]
-    heads = [("policy", "about"), *((title_of(name), "") for name in metrics)]
     columns = []
     for name in metrics:
         form = form_of(name)
@@ -69,11 +68,18 @@ def condition_table(table: ResultTable, condition: int) -> str:
                 for each, mean in zip(intervals, means, strict=True)
             ]
         )
-    rows = [
-        f"<tr>{_cell(html.escape(name), None, 'about')}{''.join(column[k] for column in columns)}</tr>"
-        for k, name in enumerate(table.names.values())
+    names, titles = list(table.names.values()), [title_of(name) for name in metrics]
+    if len(metrics) > len(names):  # the longer list goes down: a page is not as wide
+        return _table([("metric", "about"), *((name, "") for name in names)], _rows(titles, columns))
+    by_policy = [[column[k] for column in columns] for k in range(len(names))]
+    return _table([("policy", "about"), *((title, "") for title in titles)], _rows(names, by_policy))
+
+
+def _rows(names: Sequence[str], cells: Sequence[Sequence[str]]) -> list[str]:
+    return [
+        f"<tr>{_cell(html.escape(name), None, 'about')}{''.join(row)}</tr>"
+        for name, row in zip(names, cells, strict=True)
     ]
-    return _table(heads, rows)
 
 
 def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], texts: int = 1) -> str:

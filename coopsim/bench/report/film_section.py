@@ -65,10 +65,11 @@ class FilmSection:
     keys: Sequence[str]
     figures: Sequence[Figure]
 
-    def html(self, first: int, *, space: bool = False) -> str:
-        """Return the section, with `space` in three dimensions, too, as far as it was filmed so.
+    def html(self, first: int, *, lead: bool = False) -> str:
+        """Return the section; `first` is the number of its first figure's data in the page.
 
-        `first` is the number of its first figure's data in the page.
+        In the `lead` of a page the words stand below the figure, which plays in three dimensions, too, as far as it was
+        filmed so.
         """
         if not self.figures:
             return ""
@@ -76,11 +77,12 @@ class FilmSection:
             f'<figure class="clip" data-pair="{first + k}">'
             f"<figcaption>{html.escape(each.caption)}</figcaption>"
             f'<div class="pair">{"".join(panel.html(side) for side, panel in enumerate(each.panels))}</div>'
-            f"{_PLAYER}{space_html(each.space if space else None)}</figure>"
+            f"{_PLAYER}{space_html(each.space if lead else None)}</figure>"
             for k, each in enumerate(self.figures)
         )
-        note = f'<p class="note">{self.note}</p>'
-        return f"<section><h2>{self.title}</h2>{note}{keys_html(self.keys)}{figures}</section>"
+        note, keys = f'<p class="note">{self.note}</p>', keys_html(self.keys)
+        parts = (figures, keys, note) if lead else (note, keys, figures)
+        return f"<section><h2>{self.title}</h2>{''.join(parts)}</section>"
 
 
 def space_of(sections: Iterable[FilmSection]) -> SpaceView | None:
@@ -94,7 +96,7 @@ def split_lead(sections: Sequence[FilmSection]) -> tuple[str, str]:
     if not known:
         return "", ""
     first = known[0]
-    lead = replace(first, title="One of the runs", figures=first.figures[:1]).html(0, space=True)
+    lead = replace(first, title="One pair of runs", figures=first.figures[:1]).html(0, lead=True)
     rest = [replace(first, figures=first.figures[1:]), *known[1:]]
     return f'<div id="lead">{lead}</div>\n', "".join(_numbered(rest, 1))
 

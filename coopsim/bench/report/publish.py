@@ -117,15 +117,16 @@ def played_films(table: ResultTable, metrics: Sequence[str], clips: int, pairs: 
         return Played(notes=[_missing(len(competing), len(competing))] if several and competing else ())
     filmed = ResultTable.of(kept, metrics)
     lies = [lie_figures.lie_figure(each, table) for each in filmed_lies(lie_pairs(filmed, clips), films)]
-    sections = [FilmSection("Lies", lie_figures.NOTE, lie_figures.KEYS, lies)]
+    sections = []
     if CRASH in table.metrics:
         crashes = filmed_pairs(telling_pairs(filmed, pairs), films)
         figures = [crash_figures.crash_figure(each, table) for each in crashes]
-        sections.append(FilmSection("Telling pairs", crash_figures.NOTE, crash_figures.KEYS, figures))
+        sections.append(FilmSection("Without and with messages", crash_figures.NOTE, crash_figures.KEYS, figures))
     else:
         moments = filmed_moments(worst_windows(filmed, clips), films)
         figures = [moment_figures.moment_figure(each, table) for each in moments]
         sections.append(FilmSection("Worst moments", moment_figures.NOTE, SCENE, figures))
+    sections.append(FilmSection("Lies", lie_figures.NOTE, lie_figures.KEYS, lies))
     unfilmed = len(competing) - len(kept)
     return Played(sections, [*films.notes, *([_missing(unfilmed, len(competing))] if unfilmed else [])])
 

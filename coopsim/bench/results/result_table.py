@@ -83,7 +83,7 @@ class ResultTable:
     def caution(self) -> str:
         """Warning where networks multiplied in several arithmetics; empty where in one."""
         several = " and ".join(self.arithmetics) if len(self.arithmetics) > 1 else ""
-        return several and f"Networks multiplied in {several}: differences between cells may come from that."
+        return several and f"Networks multiplied in {several}: differences between runs may come from that."
 
     @classmethod
     def of(cls, results: Sequence[CellResult], asked: Sequence[str] = ()) -> ResultTable:

@@ -16,7 +16,6 @@ import numpy as np
 from coopsim.support.checks import require_choice
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.places.layout import Layout
-from coopsim.world.places.road_network import Road
 from coopsim.world.script import VehicleRole, WalkRole
 from coopsim.world.situations.casting import CONFLICT_S, HEADWAY_S, draw, draw_model, passing
 from coopsim.world.situations.junction_sites import Met, junction_sites, lane_sites
@@ -115,9 +114,7 @@ _USUAL = (-0.8, 0.8)
 
 PRE_CRASH: Mapping[str, Row] = {
     "lead_stopped": Row((Leads(),), speed_m_s=_ROAD_M_S),
-    "lead_brakes": Row(
-        (Leads((1.0, 1.6), (1.0, 1.0), "usual"), Leads(conflicts=False, on_m=8.0)), speed_m_s=_ROAD_M_S
-    ),
+    "lead_brakes": Row((Leads((1.0, 1.6), (1.0, 1.0), "usual"), Leads(conflicts=False, on_m=8.0)), speed_m_s=_ROAD_M_S),
     "lead_slower": Row((Leads((0.0, 0.0), (0.25, 0.5)),), speed_m_s=_ROAD_M_S),
     "cut_in": Row(
         (
@@ -149,10 +146,10 @@ INTERACTIVE: Mapping[str, Row] = {
     ),
     "unprotected_left": Row((_ONCOMING, replace(_ONCOMING, late_s=(2.0, 3.0))), "left", _TURN_M_S, first="other"),
     "oncoming_turns_left": Row((Crosses(Met("ahead", "left"), speed_m_s=_TURN_M_S),), "straight", first="ego"),
-    "opposing_right_and_left": Row(
-        (Crosses(Met("ahead", "left"), _USUAL, _TURN_M_S, "usual"),), "right", _TURN_M_S
+    "opposing_right_and_left": Row((Crosses(Met("ahead", "left"), _USUAL, _TURN_M_S, "usual"),), "right", _TURN_M_S),
+    "four_way": Row(
+        tuple(Crosses(each, _USUAL, manner="usual") for each in (_RIGHT, _LEFT, _AHEAD)), "left", _TURN_M_S
     ),
-    "four_way": Row(tuple(Crosses(each, _USUAL, manner="usual") for each in (_RIGHT, _LEFT, _AHEAD)), "left", _TURN_M_S),
     "stream_crossing": Row(
         tuple(Crosses(way, late) for way, late in ((_LEFT, _USUAL), (_RIGHT, _USUAL), (_LEFT, (2.6, 3.4)))),
         "straight",
@@ -212,7 +209,9 @@ class Interaction(Situation):
             met = list(zip([each.met for each in crosses], reaches, strict=True))
             sites = junction_sites(layout, rng, row.turn, reach, met)
         else:
-            sites = lane_sites(layout, rng, reach, beside=any(each.beside for each in row.others if isinstance(each, Leads)))
+            sites = lane_sites(
+                layout, rng, reach, beside=any(each.beside for each in row.others if isinstance(each, Leads))
+            )
         site = next(sites, None)
         if site is None:
             return None
@@ -228,7 +227,9 @@ class Interaction(Situation):
             )
             vehicles.append(passing(f"behind other {k + 1}", way, at_s + draw(rng, HEADWAY_S), v))
         leads = [each for each in row.others if isinstance(each, Leads)]
-        vehicles += [self._leader(rng, k, each, site.beside if each.beside else site.way, speed) for k, each in enumerate(leads)]
+        vehicles += [
+            self._leader(rng, k, each, site.beside if each.beside else site.way, speed) for k, each in enumerate(leads)
+        ]
         walkers = [each for each in row.others if isinstance(each, Walks)]
         at = site.way.position(0.0)
         bays = tuple(bay for bay in layout.bays if np.hypot(bay.x_m - at[0], bay.y_m - at[1]) > _FREE_M)
@@ -247,7 +248,9 @@ class Interaction(Situation):
         own, name = speed * draw(rng, each.speed), f"leader {number + 1}"
         if not own:
             lane, along_m = way.find(each.on_m)
-            return VehicleRole(name, lane, along_m, 0.0, way.roads_from(each.on_m), manner="steady", conflicts=each.conflicts)
+            return VehicleRole(
+                name, lane, along_m, 0.0, way.roads_from(each.on_m), manner="steady", conflicts=each.conflicts
+            )
         trigger_m = None if each.leaves_s is None else own * draw(rng, each.leaves_s)
         at_s = CONFLICT_S - draw(rng, each.ahead_s)
         return passing(name, way, at_s, own, manner=each.manner, conflicts=each.conflicts, trigger_m=trigger_m)
@@ -257,7 +260,9 @@ def slowest_m_s(way: Way, start_m: float, end_m: float) -> float:
     """Return the least comfortable speed on a part of a way, m/s; infinite where it is straight."""
     ends = [*way.starts_m[1:].tolist(), np.inf]
     inside = [
-        lane for lane, start, end in zip(way.lanes, way.starts_m.tolist(), ends, strict=True) if start < end_m and end > start_m
+        lane
+        for lane, start, end in zip(way.lanes, way.starts_m.tolist(), ends, strict=True)
+        if start < end_m and end > start_m
     ]
     return min((comfortable_m_s(way.network.get_lane(lane)) for lane in inside), default=np.inf)
 

@@ -99,7 +99,9 @@ def junction_sites(
             ]
             known = tuple(each for each in ways if each is not None)
             if way is not None and len(known) == len(ways):
-                yield Site(way, known, tuple(at[0] - first_m for at in met_m), None, (road,), tuple(dict.fromkeys(chosen)))
+                yield Site(
+                    way, known, tuple(at[0] - first_m for at in met_m), None, (road,), tuple(dict.fromkeys(chosen))
+                )
                 break
 
 
@@ -114,7 +116,9 @@ def lane_sites(layout: Layout, rng: np.random.Generator, reach: Reach, *, beside
         right = (*index[:2], index[2] + 1)
         if beside and right not in layout.network.lanes:
             continue
-        ways = [find_way(layout.network, each, share * lane.length, reach) for each in (index, *([right] if beside else []))]
+        ways = [
+            find_way(layout.network, each, share * lane.length, reach) for each in (index, *([right] if beside else []))
+        ]
         if all(way is not None for way in ways):
             assert ways[0] is not None
             yield Site(ways[0], beside=ways[1] if beside else None)

@@ -79,9 +79,7 @@ class Way:
         return float(self.network.get_lane(lane).heading_at(along))
 
 
-def find_way(
-    network: RoadNetwork, lane: LaneIndex, along_m: float, reach: Reach, *, turns: bool = False
-) -> Way | None:
+def find_way(network: RoadNetwork, lane: LaneIndex, along_m: float, reach: Reach, *, turns: bool = False) -> Way | None:
     """Return the straightest way through a place on a lane; None: it is too short, or has a narrow bend.
 
     Before the part that is needed it goes on as far as is wanted, around bends, if the roads do.

@@ -105,6 +105,8 @@ class Situation(EpisodeScenarios):
     most_actors = _MOST_ACTORS
 
     def __post_init__(self) -> None:
+        if not self.places:
+            raise InvalidValueError("place must be at least one, got an empty list")
         for place in self.places:
             self._require(place)
         if self.detail is not None:

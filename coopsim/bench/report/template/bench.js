@@ -134,7 +134,8 @@ function againstBytes() {
   panelsOf(`${state.metric.name} against bytes per second`, pointsOf, (points, vertical, tell, scenario) => {
     const words = inWords(`${state.metric.name} against bytes per second, ${scenario}`, points.filter(chosen));
     const svg = frameOf(horizontal, vertical, "bytes per second that an agent broadcasts, log scale", state.metric.name, words);
-    const front = frontOf(points.filter(chosen), state.metric.less);
+    const competing = points.filter((point) => chosen(point) && !data.bounds.includes(point.policy));
+    const front = frontOf(competing, state.metric.less);
     const steps = front.map((point, k) => {
       const [x, y] = [horizontal.place(point.rate), vertical.place(point.mean)];
       return k ? `H${x.toFixed(1)}V${y.toFixed(1)}` : `M${x.toFixed(1)},${y.toFixed(1)}`;
@@ -147,10 +148,11 @@ function againstBytes() {
     const named = labelled() ? points.filter((point) => chosen(point) && !front.includes(point)) : [];
     for (const point of [...front.reverse(), ...named]) {
       const [x, y, name] = [horizontal.place(point.rate), vertical.place(point.mean), data.policies[point.policy]];
-      const late = x > WIDTH * 0.6;
-      const [left, width] = [late ? x - 8 - 6.5 * name.length : x + 8, 6.5 * name.length];
-      // Names that would overlap are left out; the legend has them all.
-      if (taken.some(([l, w, top]) => Math.abs(top - y) < 13 && left < l + w && l < left + width)) continue;
+      const width = 6.5 * name.length;
+      const late = x + 8 + width > WIDTH - 4;
+      const left = late ? x - 8 - width : x + 8;
+      // Names that would overlap, or have no room, are left out; the legend has them all.
+      if (left < LEFT || taken.some(([l, w, top]) => Math.abs(top - y) < 13 && left < l + w && l < left + width)) continue;
       taken.push([left, width, y]);
       const text = { x: x + (late ? -8 : 8), y: y - 7, "text-anchor": late ? "end" : "start", class: "name" };
       svg.append(element("text", text, name));

@@ -16,7 +16,7 @@ const linesOf = (name) => {
   const at = name.search(/[( ]/);
   return at > 0 ? [name.slice(0, at), name.slice(at).trim()] : [name];
 };
-const [MOST_LABELS, LETTER_PX, LABEL_PX] = [6, 6.4, 132];
+const [MOST_LABELS, LETTER_PX, LABEL_PX] = [6, 6.2, 150];
 const widthOf = (names) => LETTER_PX * Math.max(...names.flatMap(linesOf).map((line) => line.length)) + 14;
 const fitBeside = (names) => names.length <= MOST_LABELS && widthOf(names) <= LABEL_PX;
 
