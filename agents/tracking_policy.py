@@ -14,6 +14,7 @@ from coopsim.agents.policy import Policy
 from coopsim.catalog import POLICIES
 from coopsim.comms.envelope import decode_detections
 from coopsim.comms.uplinks.share_detections import ShareDetections
+from coopsim.comms.uplinks.share_intents import ShareIntents
 from coopsim.comms.uplinks.uplink import Uplink
 from coopsim.errors import InvalidValueError
 from coopsim.fusion.alignment import PoseAlignment
@@ -69,6 +70,7 @@ class TrackingPolicy(Policy):
             detectors' before boxes are fused and tracked; None: the detectors'.
         velocities: send boxes with velocities, by a tracker of each sender's own, 4 bytes each. Late boxes are moved by
             them; without them, by the receiver's tracker of each sender.
+        intents: send the planned ways and hard brakes of cars beside boxes, see `ShareIntents`. Planners use them.
         defense: judge of the senders, such as "plausibility" (see `coopsim.defenses`); None: all are believed.
     """
 
@@ -76,14 +78,16 @@ class TrackingPolicy(Policy):
     align: bool = False
     covariance: str | None = None
     velocities: bool = False
+    intents: bool = False
     defense: DefenseOption = None
 
     def __post_init__(self) -> None:
-        require_flag(align=self.align, velocities=self.velocities)
-        if self.velocities and self.needs.uplink != "detections":
-            raise InvalidValueError(
-                f"velocities must be False for a policy that shares no boxes, got True: it shares {self.needs.uplink}"
-            )
+        require_flag(align=self.align, velocities=self.velocities, intents=self.intents)
+        for name in ("velocities", "intents"):
+            if getattr(self, name) and self.needs.uplink != "detections":
+                raise InvalidValueError(
+                    f"{name} must be False for a policy that shares no boxes, got True: it shares {self.needs.uplink}"
+                )
         DELAYED.get(self.delayed)
         self._covariance = None if self.covariance is None else COVARIANCES.get("weights")(self.covariance)
         self._states: dict[str, _AgentState] = {}
@@ -116,6 +120,8 @@ class TrackingPolicy(Policy):
         return observation.detections
 
     def make_uplink(self, spec: AgentSpec, rng: np.random.Generator) -> Uplink:
+        if self.intents:
+            return ShareIntents(spec.codec or "detections", self.velocities)
         if self.velocities:
             return ShareDetections(spec.codec or "detections", velocities=True)
         return super().make_uplink(spec, rng)

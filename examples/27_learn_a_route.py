@@ -1,10 +1,10 @@
 """Train a car to steer along routes in drawn towns, and compare it with planners in towns that are new to all.
 
-The network first imitates the planner `idm_aeb` with a steady hand at the wheel, then goes on by PPO.
+The network first imitates the planner `idm_aeb`, which pure pursuit steers, then goes on by PPO.
 
-`python 27_learn_a_route.py 600000 runs/driver` trains for about 40 minutes on one core, keeps the network in a folder,
-and drives 200 held-out routes to compare; the same command goes on from where it was stopped. Without a number it
-shows the way in seconds, and the driver has learned next to nothing.
+`python 27_learn_a_route.py 400000 runs/driver` trains for 400,000 steps, keeps the network in a folder, and drives 200
+held-out routes to compare; the same command goes on from where it was stopped. Without a number it shows the way in
+seconds, and the driver has learned next to nothing.
 """
 
 import sys

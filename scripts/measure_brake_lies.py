@@ -1,7 +1,7 @@
 """Measure lies that aim at the brakes: what they make a driven car do that its honest twin does not, by defence.
 
-`python scripts/measure_brake_lies.py --out FOLDER [--seeds 4000-4011] [--plan core,attacks,defences,planners]` runs paired
-episodes, keeps each in a file of the folder, and goes on where it stopped; `--table` prints what is there.
+`python scripts/measure_brake_lies.py --out FOLDER [--seeds 4000-4011] [--plan core,attacks,defences,planners]` runs
+paired episodes, keeps each in a file of the folder, and goes on where it stopped; `--table` prints what is there.
 
 A lie succeeds if the car brakes hard at a time, within a second, at which its honest twin does not, or crashes where
 the twin does not. `nudge` is the control: a constant error of 0.3 m of the stated pose, as honest agents have.

@@ -98,7 +98,7 @@ class AimedAttack(Attack):
             objects=placed,
             id=np.where(covers(placed.boxes, np.zeros(2)), -1, ids),
             velocity=victim_SE3_base.rotate_planar(velocity),
-            heard=_heard(placed.boxes, others),
+            heard=_voices(placed.boxes, others),
             others=others,
             planner=view.facts.planner,
             liar_SE3_base=victim_SE3_base.inverse(),
@@ -156,7 +156,7 @@ def _way_ahead(view: AttackerView, victim: Victim) -> Route:
     return Route(points, 1.0, limits, rights)
 
 
-def _heard(boxes: Boxes3D, others: dict[str, Boxes3D]) -> Ints:
+def _voices(boxes: Boxes3D, others: dict[str, Boxes3D]) -> Ints:
     """Return the number (N,) of others who said that an object is near each box."""
     count = np.zeros(len(boxes), np.int64)
     for said in others.values():

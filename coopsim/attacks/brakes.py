@@ -39,7 +39,7 @@ def _candidates(victim: VictimPlan, most: int) -> Ints:
     return rows[np.lexsort((victim.along_m[rows], victim.heard[rows]))][:most]
 
 
-def _believed(victim: VictimPlan, row: int, by_m: Floats) -> Boxes3D:
+def _fused(victim: VictimPlan, row: int, by_m: Floats) -> Boxes3D:
     """Return the box (1) that the victim has of a moved object: the mean of what it and others say."""
     box = victim.objects.boxes[np.array([row])]
     shift = np.append(by_m, 0.0) / (1 + victim.heard[row])
@@ -95,7 +95,7 @@ class ShiftIntoPath(AimedAttack):
         """Return whether the planner would brake hard if the object came on from an offset."""
         toward, share = victim.toward[row], 1 / (1 + victim.heard[row])
         velocity = victim.velocity[row] + self.speed_m_s * share * toward
-        believed = _believed(victim, row, offset_m * toward)
+        believed = _fused(victim, row, offset_m * toward)
         return victim.answer(believed, velocity[None], victim.objects.label[[row]]) <= HARD_M_S2
 
 

@@ -61,11 +61,11 @@ class VictimPlan:
         dt_s: time between two frames of the attacker's.
         speed_m_s: the car's speed, by its last two messages.
         route: the way ahead that the map has; straight on without a lane.
-        objects: what the attacker itself detects or tracks, less the car.
+        objects: objects that the attacker itself detects or tracks, the car among them.
         id: (N,) number of each object, the same from frame to frame; -1: it is the car itself.
         velocity: (N, 2) m/s of each, by the attacker's own tracking; zero where it is unknown.
         heard: (N,) number of others in whose last message an object is there, too.
-        others: by name what others said last.
+        others: objects in the last message of each other agent, by name.
         planner: the planner, for copies.
         liar_SE3_base: the car's base frame in the attacker's.
         world_SE3_base: the car's place in the world, by its messages.

@@ -61,7 +61,8 @@ class ReceivedIntents:
             age_s,
             np.concatenate([moved, heading], axis=-1),
             np.array([_speed_m_s(way, age) for way, age in zip(ways, age_s.tolist(), strict=True)]),
-            *(np.array([getattr(way, name) for way in ways]) for name in ("length_m", "width_m")),
+            np.array([way.length_m for way in ways]),
+            np.array([way.width_m for way in ways]),
             np.array([way.station in self._brakes for way in ways]),
         )
 

@@ -7,7 +7,7 @@ crowded junctions and an emergency vehicle. Narrow passages are the situation `o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -16,9 +16,10 @@ import numpy as np
 from coopsim.support.checks import require_choice
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.places.layout import Layout
+from coopsim.world.places.road_network import Road
 from coopsim.world.script import VehicleRole, WalkRole
 from coopsim.world.situations.casting import CONFLICT_S, HEADWAY_S, draw, draw_model, passing
-from coopsim.world.situations.junction_sites import Met, junction_sites, lane_sites
+from coopsim.world.situations.junction_sites import Met, Site, junction_sites, lane_sites
 from coopsim.world.situations.sites import Reach, Way, comfortable_m_s, with_limits
 from coopsim.world.situations.situation import EGO, SITUATIONS, Range, Situation, Stage
 
@@ -95,7 +96,7 @@ class Row:
         others: vehicles and people, of which the first is that of the conflict.
         turn: turn of the ego over a junction, "left", "straight" or "right"; empty: it stays in its lane.
         speed_m_s: the ego's speed.
-        first: who has the right of way: "ego", "other", or "" for whom the place gives it to.
+        first: owner of the right of way: "ego", "other", or "" for whom the place gives it to.
         named: the built-in place.
         elsewhere: whether other places may have sites.
     """
@@ -195,7 +196,7 @@ class Interaction(Situation):
 
     @property
     def movable(self) -> bool:
-        """Whether other places may have sites for the row."""
+        """Flag of a row that other places may have sites for."""
         return self.row.elsewhere
 
     def stage(self, layout: Layout, rng: np.random.Generator) -> Stage | None:
@@ -204,32 +205,17 @@ class Interaction(Situation):
         crosses = [each for each in row.others if isinstance(each, Crosses)]
         speeds = [draw(rng, each.speed_m_s) for each in crosses]
         reach = Reach(speed * CONFLICT_S, _AFTER_M, speed, speed * (CONFLICT_S + HEADWAY_S[1]))
-        if row.turn:
-            reaches = [Reach(v * (CONFLICT_S + 0.8), _AFTER_M, v, v * (CONFLICT_S + 3.5)) for v in speeds]
-            met = list(zip([each.met for each in crosses], reaches, strict=True))
-            sites = junction_sites(layout, rng, row.turn, reach, met)
-        else:
-            sites = lane_sites(
-                layout, rng, reach, beside=any(each.beside for each in row.others if isinstance(each, Leads))
-            )
-        site = next(sites, None)
+        site = self._site(layout, rng, reach, speeds)
         if site is None:
             return None
         speed = min(speed, slowest_m_s(site.way, -reach.before_m, reach.after_m))
-        limits, ego = dict.fromkeys(site.way.roads, speed), draw_model(rng, _CAR)
-        vehicles = [passing("behind", site.way, CONFLICT_S + draw(rng, HEADWAY_S), speed)]
-        for k, (each, way, along_m, v) in enumerate(zip(crosses, site.ways, site.along_m, speeds, strict=True)):
-            v = min(v, slowest_m_s(way, -v * CONFLICT_S, _AFTER_M))
-            limits |= dict.fromkeys([road for road in way.roads if road not in site.way.roads], v)
-            at_s = CONFLICT_S + along_m / speed + draw(rng, each.late_s)
-            vehicles.append(
-                passing(f"other {k + 1}", way, at_s, v, manner=each.manner, label=each.label, conflicts=True)
-            )
-            vehicles.append(passing(f"behind other {k + 1}", way, at_s + draw(rng, HEADWAY_S), v))
+        ego = draw_model(rng, _CAR)
+        others = [passing("behind", site.way, CONFLICT_S + draw(rng, HEADWAY_S), speed)]
+        limits = dict.fromkeys(site.way.roads, speed)
+        for k, (each, v) in enumerate(zip(crosses, speeds, strict=True)):
+            others += _crossing(rng, k, each, v, site, speed, limits)
         leads = [each for each in row.others if isinstance(each, Leads)]
-        vehicles += [
-            self._leader(rng, k, each, site.beside if each.beside else site.way, speed) for k, each in enumerate(leads)
-        ]
+        others += [self._leader(rng, k, each, site, speed) for k, each in enumerate(leads)]
         walkers = [each for each in row.others if isinstance(each, Walks)]
         at = site.way.position(0.0)
         bays = tuple(bay for bay in layout.bays if np.hypot(bay.x_m - at[0], bay.y_m - at[1]) > _FREE_M)
@@ -237,15 +223,26 @@ class Interaction(Situation):
         return Stage(
             replace(with_limits(layout, limits), bays=bays, priority=priority),
             passing(EGO, site.way, CONFLICT_S, speed, connected=True, model=ego.name),
-            tuple(vehicles),
+            tuple(others),
             tuple(_walk(rng, each, site.way, layout.outer_side) for each in walkers),
             at,
             int(draw(rng, _OCCUPIED) * len(bays)),
         )
 
-    def _leader(self, rng: np.random.Generator, number: int, each: Leads, way: Way, speed: float) -> VehicleRole:
+    def _site(self, layout: Layout, rng: np.random.Generator, reach: Reach, speeds: Sequence[float]) -> Site | None:
+        """Return the first site for the row; None: there is none."""
+        row = self.row
+        if not row.turn:
+            beside = any(isinstance(each, Leads) and each.beside for each in row.others)
+            return next(lane_sites(layout, rng, reach, beside=beside), None)
+        met = [each.met for each in row.others if isinstance(each, Crosses)]
+        reaches = [Reach(v * (CONFLICT_S + 0.8), _AFTER_M, v, v * (CONFLICT_S + 3.5)) for v in speeds]
+        return next(junction_sites(layout, rng, row.turn, reach, list(zip(met, reaches, strict=True))), None)
+
+    def _leader(self, rng: np.random.Generator, number: int, each: Leads, site: Site, speed: float) -> VehicleRole:
         """Return a vehicle ahead in a lane."""
         own, name = speed * draw(rng, each.speed), f"leader {number + 1}"
+        way = site.beside if each.beside and site.beside is not None else site.way
         if not own:
             lane, along_m = way.find(each.on_m)
             return VehicleRole(
@@ -254,6 +251,23 @@ class Interaction(Situation):
         trigger_m = None if each.leaves_s is None else own * draw(rng, each.leaves_s)
         at_s = CONFLICT_S - draw(rng, each.ahead_s)
         return passing(name, way, at_s, own, manner=each.manner, conflicts=each.conflicts, trigger_m=trigger_m)
+
+
+def _crossing(
+    rng: np.random.Generator,
+    k: int,
+    each: Crosses,
+    drawn_m_s: float,
+    site: Site,
+    ego_m_s: float,
+    limits: dict[Road, float],
+) -> list[VehicleRole]:
+    """Return the vehicle of the site's way `k` and the one behind it, and note their speed in `limits`."""
+    way, v = site.ways[k], min(drawn_m_s, slowest_m_s(site.ways[k], -drawn_m_s * CONFLICT_S, _AFTER_M))
+    limits.update(dict.fromkeys([road for road in way.roads if road not in site.way.roads], v))
+    at_s, name = CONFLICT_S + site.along_m[k] / ego_m_s + draw(rng, each.late_s), f"other {k + 1}"
+    other = passing(name, way, at_s, v, manner=each.manner, label=each.label, conflicts=True)
+    return [other, passing(f"behind {name}", way, at_s + draw(rng, HEADWAY_S), v)]
 
 
 def slowest_m_s(way: Way, start_m: float, end_m: float) -> float:

@@ -69,7 +69,7 @@ class RouteDrive(Situation):
         cars = self.vehicles - round(_TRUCK_SHARE * self.vehicles)
         found = self.built_in if place == NAMED else place
         drawer = find_drawer(found)
-        numbers = {
+        numbers: dict[str, Any] = {
             "vehicles": self.vehicles,
             "truck_share": _TRUCK_SHARE,
             "pedestrians": self.pedestrians,
@@ -80,6 +80,6 @@ class RouteDrive(Situation):
             **_FIXED,
         }
         known = {} if drawer is None else {each.name for kind in drawer.kinds for each in fields(kind)}
-        seeds = {"place_seed": self.place_seed} if "place_seed" in known else {}
-        wishes = {name: value for name, value in _WISHES.items() if name in known}
-        return choose_scenarios(found, detail=self.detail, drawer=drawer, **numbers, **seeds, **wishes)
+        wishes: dict[str, Any] = {"place_seed": self.place_seed, **_WISHES}
+        numbers |= {name: value for name, value in wishes.items() if name in known}
+        return choose_scenarios(found, detail=self.detail, drawer=drawer, **numbers)

@@ -147,14 +147,14 @@ class Situation(EpisodeScenarios):
 
     @property
     def movable(self) -> bool:
-        """Whether other places than the built-in one may have sites."""
+        """Flag of a situation that other places than the built-in one may have sites for."""
         return self.elsewhere
 
     @property
     def places(self) -> tuple[str | Place, ...]:
         """The places that seeds draw from; a situation that happens in its own place only leaves out the others."""
         given = tuple(self.place) if isinstance(self.place, (list, tuple)) else (self.place,)
-        return (NAMED,) if NAMED in given and not self.movable else given  # type: ignore[return-value]
+        return (NAMED,) if NAMED in given and not self.movable else given
 
     def order(self, seed: int) -> Iterator[str | Place]:
         """Yield the places in the order in which an episode tries them."""

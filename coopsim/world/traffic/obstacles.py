@@ -108,7 +108,8 @@ def low_edges(parts: Sequence[StaticPart], heights: Heights) -> Floats:
         ends = ends[(ends[:, 0] < ends[:, 1]) & (above_m[ends] < HIGH_M).all(axis=1)]  # each edge has two faces
         edges.append(part.vertices[ends, :2].reshape(-1, 4))
     found = np.concatenate(edges)
-    return found[np.abs(found[:, :2] - found[:, 2:]).max(axis=1, initial=0.0) > _POINT_M]
+    long: Floats = found[np.abs(found[:, :2] - found[:, 2:]).max(axis=1, initial=0.0) > _POINT_M]
+    return long
 
 
 def _in_order(sides: Floats) -> tuple[Floats, float]:

@@ -93,6 +93,14 @@ def test_the_same_seed_gives_the_same_bits_in_two_workers_and_here() -> None:
         assert any(each["signals_payload"].size for each in here.values())
 
 
+def test_policies_of_boxes_send_them_too() -> None:
+    policy = coopsim.make_policy("late_fusion", intents=True)
+    env, told = run(1, uplink=policy)
+    assert len(told[-1]["cav_0"].signals) == len(env.possible_agents) - 1
+    with pytest.raises(InvalidValueError, match="intents must be False for a policy that shares no boxes"):
+        coopsim.make_policy("no_fusion", intents=True)
+
+
 def test_wrong_parameters_are_refused() -> None:
     with pytest.raises(InvalidValueError, match="hard_brakes must be True or False, got 1"):
         run(0, uplink="intents(hard_brakes=1)")
