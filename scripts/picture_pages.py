@@ -175,7 +175,7 @@ def write_film(path: Path, pictures: Sequence[Image.Image], colors: int, lasts_m
     """Write pictures of one size as a GIF or a WebP, by the path's ending."""
     if path.suffix == ".webp":
         pictures[0].save(
-            path, save_all=True, append_images=pictures[1:], duration=lasts_ms, loop=0, quality=55, method=4
+            path, save_all=True, append_images=pictures[1:], duration=lasts_ms, loop=0, quality=35, method=4
         )
         return
     sample = Image.new("RGB", (pictures[0].width, pictures[0].height * 3))

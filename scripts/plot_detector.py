@@ -10,14 +10,12 @@ quantities: the mean over bins of range for quantities that depend on it. No com
 from __future__ import annotations
 
 import argparse
-import io
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from detector_matches import AGENTS, Matches, read_matches, simulate_matches
 from fit_detector import LAGS, QUARTER, RANGES_M, WITHOUT, _bins, _normal_scores, _pairs
-from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import ndtr
@@ -27,11 +25,12 @@ from tabulate import tabulate
 from coopsim.detection.presets import preset
 from coopsim.detection.simulated.correlated import ERRORS
 from coopsim.geometry.se3 import Floats
+from coopsim.viz.charts import COLORS, to_svg
 
 PRESET = "pointpillars_v2v4real"
 ENVIRONMENTS = ("highway", "urban_grid")
 OPTIONS = {"connected_cars": 2, "rsus": 0, "pedestrians": 0, "bicycles": 0, "max_cycles": 150}
-COLORS = {"real": "black", "default": "C1", PRESET: "C0"}
+COLOR_OF = {"real": "black", "default": COLORS[1], PRESET: COLORS[0]}
 UNITS = {"along": "m", "across": "m", "up": "m", "length": "log", "width": "log", "height": "log", "yaw": "rad"}
 FEWEST = 30
 """A bin with fewer objects than this, real or simulated, is left out."""
@@ -72,9 +71,8 @@ def table(every: dict[str, Matches]) -> str:
 
 def draw(every: dict[str, Matches]) -> str:
     """Draw all panels, as SVG."""
-    # Powers on logarithmic axes are formulas, which `coopsim.viz.charts` shows as text.
-    with rc_context({"svg.hashsalt": "coopsim", "svg.fonttype": "none", "font.size": 8}):
-        figure = Figure(figsize=(13, 15), layout="constrained")
+
+    def panels(figure: Figure) -> None:
         axes = iter(figure.subplots(5, 4).ravel())
         for panel in (_recall_by_returns, _recall_by_range, _scores_of_true, _scores_of_false, _scores_by_range):
             panel(next(axes), every)
@@ -85,9 +83,8 @@ def draw(every: dict[str, Matches]) -> str:
         for name in ("found", "score", "along", "across", "up", "yaw"):
             _over_time(next(axes), every, name)
         figure.suptitle("Black: real. Blue: fitted. Orange: simulated. Errors: median and middle 68 % and 95 %.")
-        text = io.StringIO()
-        figure.savefig(text, format="svg", metadata={"Date": None, "Creator": "coopsim"})
-    return text.getvalue()
+
+    return to_svg(panels, 13, 15)
 
 
 def _recall_by_returns(axes: Axes, every: dict[str, Matches]) -> None:
@@ -96,8 +93,9 @@ def _recall_by_returns(axes: Axes, every: dict[str, Matches]) -> None:
         table = seen(matches)
         bins = [rows for rows in _bins(table["returns"], edges) if len(rows) >= FEWEST]
         at = [np.median(table["returns"][rows]) for rows in bins]
-        axes.plot(at, [table["found"][rows].mean() for rows in bins], color=COLORS[name])
+        axes.plot(at, [table["found"][rows].mean() for rows in bins], color=COLOR_OF[name])
     axes.set(title="recall", xlabel="expected returns", xscale="log", ylim=(0, 1))
+    axes.xaxis.set_major_formatter("{x:g}")  # numbers as text: formulas would show their source
 
 
 def _recall_by_range(axes: Axes, every: dict[str, Matches]) -> None:
@@ -106,7 +104,7 @@ def _recall_by_range(axes: Axes, every: dict[str, Matches]) -> None:
         table = matches.objects
         bins = [rows for rows in _bins(table["range"], edges) if len(rows) >= FEWEST]
         at = [table["range"][rows].mean() for rows in bins]
-        axes.plot(at, [table["found"][rows].mean() for rows in bins], color=COLORS[name])
+        axes.plot(at, [table["found"][rows].mean() for rows in bins], color=COLOR_OF[name])
     axes.set(title="recall, hidden objects included", xlabel="range (m)", ylim=(0, 1), xlim=(0, 100))
 
 
@@ -145,7 +143,7 @@ def _false_by_range(axes: Axes, every: dict[str, Matches]) -> None:
     edges = np.arange(0, 81, 5)
     for name, matches in every.items():
         counts = np.histogram(matches.false["range"], edges)[0] / matches.frames
-        axes.stairs(counts, edges, color=COLORS[name])
+        axes.stairs(counts, edges, color=COLOR_OF[name])
     axes.set(title="false per frame and 5 m of range", xlabel="range (m)")
 
 
@@ -157,7 +155,7 @@ def _over_time(axes: Axes, every: dict[str, Matches], name: str) -> None:
 
 
 def _outline(axes: Axes, value: Floats, edges: Floats, name: str) -> None:
-    axes.stairs(np.histogram(value, edges)[0] / len(value), edges, color=COLORS[name])
+    axes.stairs(np.histogram(value, edges)[0] / len(value), edges, color=COLOR_OF[name])
 
 
 def _quantiles(axes: Axes, table: dict[str, Floats], column: str, name: str) -> None:
@@ -167,7 +165,7 @@ def _quantiles(axes: Axes, table: dict[str, Floats], column: str, name: str) -> 
     wanted = ndtr([-1.96, -QUARTER, 0, QUARTER, 1.96])
     lines = np.array([np.quantile(table[column][hit][rows], wanted) for rows in bins]).T
     for line, style in zip(lines, (":", "--", "-", "--", ":"), strict=True):
-        axes.plot(at, line, style, color=COLORS[name], linewidth=1)
+        axes.plot(at, line, style, color=COLOR_OF[name], linewidth=1)
 
 
 def _counts(matches: Matches) -> Floats:

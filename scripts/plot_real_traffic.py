@@ -14,7 +14,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 from tabulate import tabulate
@@ -22,6 +21,7 @@ from tabulate import tabulate
 from coopsim.geometry.se3 import Floats
 from coopsim.support.rng import stream
 from coopsim.types import Mask
+from coopsim.viz.charts import COLORS, GREY, PAGE_IN, to_svg
 
 LEAST_RETURNS = 5
 """Returns from which the detector `simulated` can find an object."""
@@ -33,7 +33,7 @@ FEWEST = 20
 """Encounters of a kind below which a log is left out."""
 
 VARIANTS = ("boxes", "features", "boxes and a unit", "boxes, others' only")
-COLORS = dict(zip(VARIANTS, ("C0", "C1", "C2", "0.6"), strict=True))
+COLOR_OF = dict(zip(VARIANTS, (*COLORS[:3], GREY), strict=True))
 
 Line = Mapping[str, Any]
 
@@ -159,22 +159,22 @@ def write_curves(found: list[Part], path: Path) -> None:
 
 def draw_curves(found: list[Part], path: Path) -> None:
     """Draw the curves of each log and kind in a panel of its own."""
-    figure = Figure(figsize=(9.6, 6.0), layout="constrained")
-    panels = figure.subplots(2, -(-len(found) // 2), sharey=True, sharex=True, squeeze=False).ravel()
-    for axes, part in zip(panels, found, strict=False):
-        for variant, line in part.curves.items():
-            percent = 100 * np.array(SHARES)
-            axes.fill_between(percent, line.low, line.high, color=COLORS[variant], alpha=0.12, linewidth=0)
-            axes.plot(percent, line.mean, color=COLORS[variant], label=variant)
-        axes.set_title(f"{part.log}: {part.encounters} {part.kind}s", fontsize=9)
-        axes.set(xlabel="connected cars, %", xlim=(0, 100), ylim=(0, 101))
-        axes.grid(alpha=0.3)
-    panels[0].set_ylabel("known 3 s before, %")
-    panels[0].legend(loc="lower right", fontsize=8)
-    for axes in panels[len(found) :]:
-        axes.set_axis_off()
-    with mpl.rc_context({"svg.hashsalt": "coopsim"}):
-        figure.savefig(path, metadata={"Date": None})
+
+    def draw(figure: Figure) -> None:
+        panels = figure.subplots(2, -(-len(found) // 2), sharey=True, sharex=True, squeeze=False).ravel()
+        for axes, part in zip(panels, found, strict=False):
+            for variant, line in part.curves.items():
+                percent, color = 100 * np.array(SHARES), COLOR_OF[variant]
+                axes.fill_between(percent, line.low, line.high, color=color, alpha=0.12, linewidth=0)
+                axes.plot(percent, line.mean, color=color, label=variant)
+            axes.set(title=f"{part.log}: {part.encounters} {part.kind}s", xlabel="connected cars, %")
+            axes.set(xlim=(0, 100), ylim=(0, 101))
+        panels[0].set_ylabel("known 3 s before, %")
+        panels[0].legend(loc="lower right")
+        for axes in panels[len(found) :]:
+            axes.set_axis_off()
+
+    path.write_text(to_svg(draw, PAGE_IN, 4.8), encoding="utf-8")
 
 
 def main() -> None:

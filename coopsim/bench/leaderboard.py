@@ -23,7 +23,7 @@ from coopsim.metrics.metric import PRIMARY_METRIC
 from coopsim.metrics.score import Score
 from coopsim.provided import listening_env
 from coopsim.support.files import make_folder, write_whole
-from coopsim.viz.charts import PAGE_IN, fit_beside, label_ends, legend_below, looks, to_svg
+from coopsim.viz.charts import PAGE_IN, Look, fit_beside, label_ends, legend_below, looks, to_svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -137,13 +137,14 @@ def plot(results: Results, title: str) -> str:
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots(1, 2, sharey=True)
-        ends = []
+        ends: list[tuple[str, Look, float, float]] = []
         for panel, (protocol, heading) in zip(axes, _PROTOCOLS.items(), strict=True):
             curves = {name: mota_over_recall(getattr(each, protocol)) for name, each in results.items()}
             for name, curve in curves.items():
                 panel.plot(*curve, **{**styles[name].matplotlib, "marker": ""})
             panel.set(title=heading, xlabel="recall", xlim=(0, 1))
-            ends = [(name, styles[name], *(float(each[-1]) for each in curve)) for name, curve in curves.items()]
+            known = {name: curve for name, curve in curves.items() if len(curve[0])}
+            ends = [(name, styles[name], float(x[-1]), float(y[-1])) for name, (x, y) in known.items()]
         axes[0].set_ylim(max(-20, axes[0].get_ylim()[0]), axes[0].get_ylim()[1])
         axes[0].set_ylabel("MOTA (%)")
         if fit_beside(list(results)):

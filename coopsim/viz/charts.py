@@ -130,7 +130,13 @@ _GAP_PT, _LETTERS, _MOST = 9.0, 20, 8
 
 def fit_beside(names: Sequence[str]) -> bool:
     """Return whether names are few and short enough to stand at the ends of their lines, in place of a legend."""
-    return len(names) <= _MOST and max(map(len, names), default=0) <= _LETTERS
+    return len(names) <= _MOST and max((len(line) for name in names for line in _lines(name)), default=0) <= _LETTERS
+
+
+def _lines(name: str) -> list[str]:
+    """Return a name as lines: a long one is broken where its parameters begin."""
+    bare, bracket, parameters = name.partition("(")
+    return [bare.strip(), bracket + parameters] if bracket and len(name) > _LETTERS else [name]
 
 
 def label_ends(panel: Any, ends: Sequence[tuple[str, Look, float, float]], height_in: float) -> None:
@@ -141,11 +147,13 @@ def label_ends(panel: Any, ends: Sequence[tuple[str, Look, float, float]], heigh
     known = [each for each in ends if math.isfinite(each[3])]
     low, high = panel.get_ylim()
     shares = np.array([(each[3] - low) / (high - low) for each in known])
-    for (name, look, x, y), share, place in zip(known, shares, spread(shares, _GAP_PT / 72 / height_in), strict=True):
+    gap = _GAP_PT * max((len(_lines(each[0])) for each in known), default=1) / 72 / height_in
+    for (name, look, x, y), share, place in zip(known, shares, spread(shares, gap), strict=True):
         arrow = {"arrowstyle": "-", "color": look.color, "lw": 0.6, "shrinkA": 0, "shrinkB": 3}
         moved = {"arrowprops": arrow} if abs(place - share) > 0.01 else {}
         look_of_text = {"color": look.color, "va": "center", "fontsize": 7.5, "annotation_clip": False}
-        panel.annotate(name, (x, y), (1.04, place), textcoords="axes fraction", **look_of_text, **moved)
+        words = "\n".join(_lines(name))
+        panel.annotate(words, (x, y), (1.04, place), textcoords="axes fraction", **look_of_text, **moved)
 
 
 def spread(places: Floats, gap: float) -> Floats:

@@ -72,8 +72,8 @@ class FromAbove:
             self._draw.polygon(self.pixels(bar), palette.LIGHT[letter])
 
     def points(self, points: Floats) -> None:
-        """Draw points (N, 2), a pixel each; those outside are left out."""
-        found = np.floor(self._pixels(points)).astype(np.int64)
+        """Draw points (N, 2), a pixel that is shown each; those outside are left out."""
+        found = self._fine * np.floor(self._pixels(points) / self._fine).astype(np.int64)
         block = np.indices((self._fine, self._fine)).reshape(2, -1).T
         found = (found[:, None] + block).reshape(-1, 2)
         inside = found[((found >= 0) & (found < self._picture.size)).all(axis=1)]

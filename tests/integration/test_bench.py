@@ -123,7 +123,7 @@ def test_an_interrupt_tells_what_is_stored_where_no_bar_is_shown(
 
     monkeypatch.setattr(RUN_LOCALLY, interrupted)
     assert main(["bench", *FLAGS, "--out", str(tmp_path)]) == INTERRUPTED
-    assert "interrupted; 2 of 8 cells are stored" in capsys.readouterr().err and len(stored(tmp_path)) == 2
+    assert "interrupted; 2 of 8 runs are stored" in capsys.readouterr().err and len(stored(tmp_path)) == 2
 
 
 def test_two_workers_give_the_bytes_of_one(reference: dict[str, bytes], tmp_path: Path) -> None:
@@ -190,7 +190,7 @@ def test_interrupted_killed_and_ended_by_two_commands_at_once(
         if what is signal.SIGINT:
             assert process.returncode == INTERRUPTED and "Traceback" not in err
             # The last one may have been stored and not yet counted.
-            assert re.search(r"interrupted; [01] of 8 cells are stored in ", err)
+            assert re.search(r"interrupted; [01] of 8 runs are stored in ", err)
     hold.unlink()
     both = [start(out_dir, *flags) for _ in range(2)]
     for process in both:
@@ -222,7 +222,7 @@ def test_a_half_finished_folder_has_everything_and_goes_on_to_the_same_bytes(
     assert main([*command, "--out", str(half), "--workers", "2"]) == INTERRUPTED
     assert written(half) == {}
     report = ["report", str(half), "--clips", "0", "--metrics", "HOTA,sAMOTA"]
-    assert main(report) == 0 and "5 of 12 cells are in " in capsys.readouterr().out
+    assert main(report) == 0 and "5 of 12 runs are in " in capsys.readouterr().out
     unfinished = written(half)
     assert files - {"tables/HOTA_latency.tex", "tables/HOTA_loss.tex"} <= set(unfinished) <= files
     assert b"5 of 12 runs; 0 failed, 7 not run" in unfinished["protocol.txt"]
@@ -259,7 +259,7 @@ def test_a_failing_cell_is_recorded_and_the_rest_goes_on(
     command = ["bench", "--policies", "no_fusion", *policies, *SHORT, "--workers", "1", "--out", str(tmp_path)]
     assert main(command) == 1
     shown = capfd.readouterr()
-    assert "2 of 4 cells failed; --retry-failed" in shown.err and "ZeroDivisionError: of" in shown.err
+    assert "2 of 4 runs failed; --retry-failed" in shown.err and "ZeroDivisionError: of" in shown.err
     assert "said on stdout" not in shown.out
     results = {result.cell.policy.rpartition(":")[2]: result for result in Store(tmp_path).results()}
     assert not (results["no_fusion"].failed or results["Quiet"].failed)
@@ -346,7 +346,7 @@ def test_a_local_ray_gives_the_bytes_of_local_processes(
         children |= set(psutil.Process(process.pid).children(recursive=True))
         time.sleep(0.2)
     _, err = process.communicate()
-    assert process.returncode == 1 and "4 of 12 cells failed" in err, err
+    assert process.returncode == 1 and "4 of 12 runs failed" in err, err
     wait_until_gone(list(children))
     by_ray = stored(tmp_path)
     assert len(by_ray) == 12 and reference.items() <= by_ray.items()

@@ -132,7 +132,7 @@ def unpack_cloud(planes: Planes, origin: Floats) -> Floats:
 
 def within_reach(points: Floats, origin: Floats) -> Mask:
     """Return the mask (N,) of the points that fit into 16 bits about an origin."""
-    reached: Mask = (np.abs(points - origin) < CLOUD_M * _INT16_MAX).all(axis=1)
+    reached: Mask = np.all(np.abs(points - origin) < CLOUD_M * _INT16_MAX, axis=1)
     return reached
 
 

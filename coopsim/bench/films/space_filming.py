@@ -23,12 +23,12 @@ from coopsim.bench.films.space import (
 )
 from coopsim.metrics.score import SEEN_BY
 from coopsim.metrics.track_log import TrackLog
+from coopsim.types import Ints
 
 if TYPE_CHECKING:
     from coopsim.envs.parallel import CooperativeEnv
 
 _BY_ITSELF = SEEN_BY.index("me")
-_NO_IDS = np.zeros(0, dtype=np.int64)
 
 
 class SpaceFilming:
@@ -67,11 +67,9 @@ class SpaceFilming:
         return solids_of(self._parts, np.array(places).reshape(-1, 2))
 
 
-def seen_in(
-    logs: Mapping[str, TrackLog], frames: int
-) -> list[dict[str, np.ndarray[tuple[int, ...], np.dtype[np.int64]]]]:
+def seen_in(logs: Mapping[str, TrackLog], frames: int) -> list[dict[str, Ints]]:
     """Return the ids of the objects that each agent's own LiDAR saw, for each of the first frames of logs."""
-    seen: list[dict[str, np.ndarray[tuple[int, ...], np.dtype[np.int64]]]] = [{} for _ in range(frames)]
+    seen: list[dict[str, Ints]] = [{} for _ in range(frames)]
     for name, log in logs.items():
         flat = log.flat()
         by_itself = flat.truth_seen_by == _BY_ITSELF

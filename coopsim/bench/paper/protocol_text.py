@@ -72,7 +72,7 @@ def _conditions(table: ResultTable, provenance: Provenance) -> list[str]:
         lines.append(f"{axis.heading}: {', '.join(shown)}")
     ways = {
         "product": "every value with every other",
-        "one_by_one": "one at a time, all others at their mildest value",
+        "one_by_one": "one at a time, all others where they disturb least",
     }
     way = ways.get(str(provenance.grid.get("vary")))
     count = len(table.conditions)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _SIZE_IN = (PAGE_IN, 4.6)
 _LABEL_PT, _MARKER_PT = 7.5, 6.0
 _LINE_HEIGHT = 1.25
-_FAR, _ENOUGH = 3.0, 5
+_FAR, _ENOUGH = 6.0, 5
 """So many interquartile ranges beside the middle half of the values one is far; fewer values have none that is."""
 
 _NAMES_DECADES = 0.8

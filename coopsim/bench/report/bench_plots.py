@@ -44,7 +44,7 @@ def plots(table: ResultTable, metric: str, *, together: bool = False) -> dict[st
         UnknownNameError: there is no such metric.
     """
     table.values(metric)  # which knows the name
-    parts = [None] if together else list(table.scenarios)
+    parts: list[str | None] = [None] if together else [*table.scenarios]
     return {
         f"{metric}{'_over' * together}_{axis.title.replace(' ', '_')}.svg": _plot(table, metric, axis, parts)
         for axis in varying_axes(table.conditions)
@@ -75,7 +75,8 @@ def _plot(table: ResultTable, metric: str, axis: Axis, scenarios: Sequence[str |
         else:
             last = panels[columns - 1]
             lines = [each for each in last.get_lines() if each.get_zorder() == 3]
-            ends = [(*each, *line.get_xydata()[-1]) for each, line in zip(names.items(), lines, strict=True)]
+            places = [line.get_xydata()[-1].tolist() for line in lines]
+            ends = [(name, look, x, y) for (name, look), (x, y) in zip(names.items(), places, strict=True)]
             label_ends(last, ends, height_in / rows - 0.6)
 
     return to_svg(draw, COLUMN_IN if len(scenarios) == 1 else PAGE_IN, height_in)

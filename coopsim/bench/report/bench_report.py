@@ -13,7 +13,7 @@ from coopsim.bench.films.crash_pairs import CRASH
 from coopsim.bench.grid.labels import label, values_of, varying_axes
 from coopsim.bench.report.answer import Answer, answer_of
 from coopsim.bench.report.bench_tables import condition_table, failures, leaderboard
-from coopsim.bench.report.crashes_page import crashes_section
+from coopsim.bench.report.crashes_page import crashes_section, lies_section
 from coopsim.bench.report.film_data import DRAWING
 from coopsim.bench.report.film_section import FilmSection, space_of, split_lead
 from coopsim.bench.report.formats import definitions, fill_page
@@ -35,11 +35,13 @@ class About:
         title: its title; empty: the question that the benchmark asks.
         command: the command that gives the same results again.
         settings: configuration and versions by name.
+        date: days on which runs ended; empty: unknown.
     """
 
     title: str = ""
     command: str = ""
     settings: Mapping[str, str] = field(default_factory=dict)
+    date: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +94,7 @@ def render_bench_report(
             **({"space": space.data()} if space else {}),
         },
         title=title_of_report(about.title, answer),
-        summary=_summary(table),
+        summary=f"{_summary(table)}, {about.date}" if about.date else _summary(table),
         answer=answer.html() if answer else "",
         leaderboards="".join(
             f'<div data-metric="{html.escape(name)}"{" hidden" * (name != shown[0])}>{leaderboard(table, name)}</div>'
@@ -101,7 +103,7 @@ def render_bench_report(
         or '<p class="note">No run was finished, so there is nothing to rank.</p>',
         interval=_interval_note(table),
         scene=scene.html() if scene else "",
-        crashes=crashes_section(table),
+        crashes=crashes_section(table) + lies_section(table),
         lead=lead,
         films=others,
         notes="".join(f'<p class="note">{html.escape(note)}</p>' for note in played.notes),

@@ -169,6 +169,6 @@ def _table(heads: Sequence[tuple[str, str]], rows: Sequence[str], sortable: bool
         cells.append(f'<th scope="col"{attributes}>{f"<button>{text}</button>" if sortable else text}</th>')
     css = ' class="sortable"' if sortable else ""
     return (
-        f'<div class="scroll" tabindex="0"><table{css}><thead><tr>{"".join(cells)}</tr></thead>'
-        f"<tbody>{''.join(rows)}</tbody></table></div>"
+        f'<div class="scroll" role="region" aria-label="table" tabindex="0"><table{css}>'
+        f"<thead><tr>{''.join(cells)}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
     )

@@ -1,4 +1,4 @@
-"""The section of a report on crashes: tables and figures."""
+"""The sections of a report on crashes and lies: tables."""
 
 from __future__ import annotations
 
@@ -14,13 +14,18 @@ from coopsim.bench.safety.lie_costs import CRASH_HEADS, cost_heads, cost_rows, c
 from coopsim.bench.safety.safety_text import (
     ALL_SITUATIONS,
     CHANGE_HEADS,
+    PREDICTORS_NOTE,
     change_rows,
     crash_rate,
     gone_tables,
+    predictors,
     price_heads,
     price_rows,
     situations,
 )
+from coopsim.bench.text.forms import TextTable
+from coopsim.bench.text.lies_text import lies_parts
+from coopsim.metrics.metric import PRIMARY_METRIC
 
 _NOTE = """<p class="note">Episodes in which the driven car crashed, where nothing disturbs, or as little as was run,
 with Wilson's 95 % intervals and their number n.</p>"""
@@ -54,9 +59,23 @@ def crashes_section(table: ResultTable) -> str:
         _GONE_NOTE if gone else "",
         f"<h3>What lies cost</h3>{text_table(CRASH_HEADS, lies, texts=2)}{_LIES_NOTE}" if lies else "",
         text_table(cost_heads(table), costs, texts=2) if costs else "",
+        _part("What predicts crashes", predictors(table), PREDICTORS_NOTE),
         "</section>",
     ]
     return "".join(parts)
+
+
+def lies_section(table: ResultTable) -> str:
+    """Return the section on lies as HTML; empty where nobody lies, or nothing tracks."""
+    if not any(each.attacks for each in table.conditions) or PRIMARY_METRIC not in table.metrics:
+        return ""
+    return f"<section><h2>What lies change</h2>{''.join(_part(*part) for part in lies_parts(table))}</section>"
+
+
+def _part(title: str, found: TextTable, note: str) -> str:
+    """Return a table below its title, with a note; empty without rows."""
+    shown = text_table(found.heads, found.rows, found.texts)
+    return f'<h3>{title}</h3>{shown}<p class="note">{note}</p>' if shown else ""
 
 
 def _changes(rows: list[list[str]]) -> str:

@@ -96,8 +96,8 @@ def split_lead(sections: Sequence[FilmSection]) -> tuple[str, str]:
     if not known:
         return "", ""
     first = known[0]
-    lead = replace(first, title="One pair of runs", figures=first.figures[:1]).html(0, lead=True)
-    rest = [replace(first, figures=first.figures[1:]), *known[1:]]
+    lead = replace(first, figures=first.figures[:1]).html(0, lead=True)
+    rest = [replace(first, title=f"{first.title}, more", figures=first.figures[1:]), *known[1:]]
     return f'<div id="lead">{lead}</div>\n', "".join(_numbered(rest, 1))
 
 

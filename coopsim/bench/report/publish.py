@@ -117,7 +117,7 @@ def played_films(table: ResultTable, metrics: Sequence[str], clips: int, pairs: 
         return Played(notes=[_missing(len(competing), len(competing))] if several and competing else ())
     filmed = ResultTable.of(kept, metrics)
     lies = [lie_figures.lie_figure(each, table) for each in filmed_lies(lie_pairs(filmed, clips), films)]
-    sections = []
+    sections = [FilmSection("Lies", lie_figures.NOTE, lie_figures.KEYS, lies)]
     if CRASH in table.metrics:
         crashes = filmed_pairs(telling_pairs(filmed, pairs), films)
         figures = [crash_figures.crash_figure(each, table) for each in crashes]
@@ -126,7 +126,6 @@ def played_films(table: ResultTable, metrics: Sequence[str], clips: int, pairs: 
         moments = filmed_moments(worst_windows(filmed, clips), films)
         figures = [moment_figures.moment_figure(each, table) for each in moments]
         sections.append(FilmSection("Worst moments", moment_figures.NOTE, SCENE, figures))
-    sections.append(FilmSection("Lies", lie_figures.NOTE, lie_figures.KEYS, lies))
     unfilmed = len(competing) - len(kept)
     return Played(sections, [*films.notes, *([_missing(unfilmed, len(competing))] if unfilmed else [])])
 
@@ -143,18 +142,19 @@ def _about(provenance: Provenance, title: str, circumstances: Sequence[Mapping[s
     settings = {_with_unit(name): ", ".join(map(_short, values)) for name, values in lists.items()}
     settings |= {name: str(grid[name]) for name in ("vary", "frames") if grid.get(name) is not None}
     settings |= {option: ", ".join(map(_short, values)) for option, values in grid.get("axes", {}).items()}
-    settings |= {name: str(value) for name, value in grid.get("options", {}).items()}
+    settings |= {name: "none" if value is None else str(value) for name, value in grid.get("options", {}).items()}
     if software:
         settings["versions"] = ", ".join(f"{name} {number}" for name, number in software.items())
     settings |= {"commit": provenance.commit} if provenance.commit else {}
-    return About(title, provenance.command, settings | _ran(circumstances))
+    ran = _ran(circumstances)
+    return About(title, provenance.command, settings | ran, ran.get("date", ""))
 
 
 def _ran(circumstances: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     """Say on which days and machines runs ended, as far as they noted it."""
     days = sorted({str(each["ended"])[:10] for each in circumstances if "ended" in each})
-    machines = {", ".join(str(each[name]) for name in _MACHINE if name in each): None for each in circumstances}
-    known = [each for each in machines if each]
+    machines = {", ".join(str(each[name]) for name in _MACHINE if name in each) for each in circumstances}
+    known = sorted(machines - {""})
     return {
         **({"date": " to ".join(dict.fromkeys((days[0], days[-1])))} if days else {}),
         **({"machine": "; ".join(known)} if known else {}),

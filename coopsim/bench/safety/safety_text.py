@@ -16,7 +16,15 @@ from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import Interval, holm
 from coopsim.bench.safety.lie_costs import COSTS, CRASH_HEADS, cost_heads, cost_rows, crash_rows
 from coopsim.bench.safety.paired import Change, along, calm, change, changes_along, gone_at, kinds_of, rank_correlation
-from coopsim.bench.text.forms import difference_text, form_of, format_value, markdown_table, mean_cells, sections_text
+from coopsim.bench.text.forms import (
+    TextTable,
+    difference_text,
+    form_of,
+    format_value,
+    markdown_table,
+    mean_cells,
+    sections_text,
+)
 from coopsim.metrics.built_in import BYTES
 from coopsim.metrics.driving import DRIVING
 
@@ -49,7 +57,7 @@ def to_safety_markdown(table: ResultTable) -> str:
             "Where nothing disturbs, or as little as was run; policies by the bytes that an agent sends.",
         ),
         ("Where the gain ends", _gone(table), _GONE_NOTE),
-        ("What predicts crashes", _predictors(table), _PREDICTORS_NOTE),
+        ("What predicts crashes", predictors(table).markdown(), PREDICTORS_NOTE),
     ]
     return sections_text("Safety", parts)
 
@@ -78,7 +86,7 @@ _GONE_NOTE = """Difference of crash rates, with messages minus without, in perce
 disturbs. *Gain ends at*: the first value from which on the 95 % interval has 0, so that fewer crashes are not shown.
 *No gain shown*: it has 0 from the first value on."""
 
-_PREDICTORS_NOTE = """Spearman's rank correlation over policies, upper bounds left out, with a 95 % interval by a
+PREDICTORS_NOTE = """Spearman's rank correlation over policies, upper bounds left out, with a 95 % interval by a
 bootstrap over situations and seeds. -1: the better policy by the metric always crashes less; 0: it says nothing."""
 
 
@@ -223,14 +231,15 @@ def gone_tables(table: ResultTable) -> list[tuple[Axis, list[str], list[list[str
     return tables
 
 
-def _predictors(table: ResultTable) -> str:
+def predictors(table: ResultTable) -> TextTable:
+    """Return the rank correlations of metrics with crashes over policies; without rows where there are too few."""
     found = [rank_correlation(table, name, calm(table)) for name in _PREDICTORS]
     rows = [
         [each.metric, f"{each.value:.2f}", f"{each.low:.2f} to {each.high:.2f}", str(each.policies)]
         for each in found
         if each is not None
     ]
-    return markdown_table(["metric", "rank correlation", "95 % interval", "policies"], rows) if rows else ""
+    return TextTable(["metric", "rank correlation", "95 % interval", "policies"], rows)
 
 
 def _rate(rate: Interval) -> str:

@@ -6,6 +6,7 @@ import csv
 import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -84,6 +85,19 @@ def escaped(text: str) -> str:
     for letter in "\\&`*[]<>|":
         text = text.replace(letter, f"\\{letter}")
     return " ".join(text.split())
+
+
+@dataclass(frozen=True, slots=True)
+class TextTable:
+    """Table of texts, of which the first `texts` columns are left-aligned."""
+
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    texts: int = 1
+
+    def markdown(self) -> str:
+        """Return the table as Markdown; empty without rows."""
+        return markdown_table(self.heads, self.rows, self.texts)
 
 
 def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]], texts: int = 1) -> str:

@@ -141,7 +141,7 @@ def test_a_lost_or_broken_film_is_told_and_the_report_goes_on(store: Path, tmp_p
     (note,) = notes
     assert note.startswith(f"the film films/{broken.name} is broken: ")
     page = (tmp_path / "copy" / "report.html").read_text()
-    assert str(broken.name) in page and "Worst moments" not in page and "Leaderboard" in page
+    assert str(broken.name) in page and "Worst moments" not in page and "Ranking" in page
     lost.unlink()
     notes.clear()
     publish(tmp_path / "copy", Store(tmp_path / "copy").results(), on_note=notes.append)

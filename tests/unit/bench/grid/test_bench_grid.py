@@ -81,7 +81,7 @@ def test_a_run_without_a_length_ends_with_its_episode() -> None:
         ({"seeds": (1, 1)}, "seeds must be distinct"),
         ({"seeds": {1, 2}}, "seeds must be a list of at least one"),
         ({"seeds": range(10**12)}, "seeds must be a list of at most 100,000, got more"),
-        ({"seeds": range(50_001)}, "seeds, policies and conditions must make at most 100,000 cells, got 100,002"),
+        ({"seeds": range(50_001)}, "seeds, policies and conditions must make at most 100,000 runs, got 100,002"),
         ({"frames": 0}, "frames must be an integer"),
         ({"pose": "together", "position_noises_m": (0, 1)}, "pose must be 'product'"),
         ({"position_noises_m": (1, 1)}, "must be distinct"),

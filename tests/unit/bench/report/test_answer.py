@@ -102,6 +102,51 @@ def test_lies_are_told() -> None:
     assert dict(found(lied).points)["What a liar does"].startswith("With cav_1=ghost crash changes by ")
 
 
+def lied(harm: Callable[[str], float], progress: float = 0.0, lies: Sequence[str] = ("", "cav_1=ghost")) -> ResultTable:
+    """Make drives of which a share ends in a crash: all alone, with messages `harm` of 10, by the attack."""
+
+    def values(cell: Cell) -> dict[str, float]:
+        alone, attack = cell.policy == "no_fusion", cell.condition.attacks
+        crash = 100.0 if alone or cell.seed < harm(attack) else 0.0
+        way = 90.0 - cell.seed % 3 - (progress if attack and not alone else 0.0)
+        return {"crash": crash, "progress": way, "bytes_per_s": 0.0 if alone else 4000.0}
+
+    return made(["no_fusion", "late_fusion"], [Condition("merge", attacks=each) for each in lies], 10, values)
+
+
+def test_a_benchmark_of_lies_asks_what_a_liar_can_do() -> None:
+    answer = found(lied(lambda attack: 9.0 if attack else 0.0))
+    assert answer.question == "What can a liar do?"
+    assert answer.verdict.startswith("It does harm: under cav_1=ghost, the car crashes in 90 % instead of 0 % of 10")
+    assert "9 crashes caused, 0 avoided" in answer.verdict
+    assert dict(answer.points)["While nobody lies"].startswith("Yes: with late_fusion the car crashes in 0 %")
+    assert found(lied(lambda attack: 0.0)).verdict.startswith("No harm is shown: under cav_1=ghost")
+
+
+def test_a_lie_that_stops_the_car_is_told_though_nothing_crashes() -> None:
+    answer = found(lied(lambda attack: 0.0, progress=40.0))
+    assert answer.verdict.startswith(
+        "No more crashes are shown, but under cav_1=ghost the car pays: progress (%) -40.0"
+    )
+    assert "progress (%) -40.0" in dict(answer.points)["What a liar does"]
+
+
+def test_of_many_steps_along_an_axis_those_are_told_at_which_the_gain_ends() -> None:
+    steps = [Condition("crossing", latency_s=each) for each in (0.0, 0.1, 0.2, 0.3, 0.5, 0.8)]
+
+    def values(cell: Cell) -> dict[str, float]:
+        late = cell.condition.latency_s > 0.25 or cell.policy == "no_fusion"
+        return {"sAMOTA": 50.0 + cell.seed + 20.0 * (not late), "bytes_per_s": float(cell.policy != "no_fusion")}
+
+    text = dict(found(made(["no_fusion", "late_fusion"], steps, 6, values)).points)["Under latency"]
+    assert text.startswith("A gain is shown at 0 ms, 100 ms and 200 ms alone: +20.0")
+    assert [
+        each
+        for each in ("at 0 ms", "at 100 ms", "at 200 ms", "at 300 ms", "at 500 ms", "at 800 ms")
+        if f") {each}" in text or f"+0.0 {each}" in text
+    ] == ["at 0 ms", "at 200 ms", "at 300 ms", "at 800 ms"]
+
+
 def test_a_report_begins_with_it_unless_a_title_was_asked_for() -> None:
     table = ResultTable.of(crash_results(lambda policy, condition, seed: seed < RATES[policy], conditions=LATE))
     page = Page(render_bench_report(table, About()))

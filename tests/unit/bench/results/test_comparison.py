@@ -199,7 +199,7 @@ def test_what_cannot_be_compared_is_refused() -> None:
     with pytest.raises(InvalidValueError, match=r"got two of a, crossing.*folders of their own"):
         compare_results([*TEN, TEN[0]], TEN)
     nothing = [replace(each, values={"sAMOTA": np.nan}) for each in TEN]
-    with pytest.raises(InvalidValueError, match="no pair of cells has a value of sAMOTA"):
+    with pytest.raises(InvalidValueError, match="no pair of runs has a value of sAMOTA"):
         compare_results(nothing, TEN, ["sAMOTA"])
     with pytest.raises(UnknownNameError, match=r"unknown metric 'sAMOTA'. Accepted: mine"):
         compare_results([replace(TEN[0], values={"mine": 1.0})], [replace(TEN[0], values={"mine": 1.0})])

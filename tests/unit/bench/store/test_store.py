@@ -102,6 +102,7 @@ def test_what_is_put_is_there(tmp_path: Path) -> None:
     assert store.circumstances(keys[0]) == {"seconds": 1.5} and store.circumstances("nothing") == {}
     assert {result.cell.seed for result in store.results()} == {7, 8}
     store.begin([keys[0], key_of("not yet run")])
+    assert store.all_circumstances() == [{"seconds": 1.5}, {}]
     assert [result.cell.seed for result in store.results()] == [7]
     store.put(replace(RESULT, values={"MOTA": 9.0}), "a newer version")
     found_again = {result.cell.seed: result for result in store.results(all_grids=True)}
