@@ -138,6 +138,9 @@ class FrameSource(ABC):
             PlannerError: a planner failed; see `coopsim.interfaces.planner`.
         """
 
+    def hear(self, received: Mapping[str, Observation]) -> None:  # noqa: B027  (most have nobody to tell)
+        """Take notice of the newest frame's observations with the messages that arrived; planners look from there."""
+
     @property
     def sequences(self) -> tuple[str, ...]:
         """Names of the sequences that `reset(options={"sequence": name})` plays; empty where there are none."""

@@ -389,6 +389,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     def _observe(self, frame: Frame) -> tuple[dict[str, Observation], dict[str, Packed]]:
         """Exchange messages, and return every agent's observation, also packed."""
         received = self._exchange.step(frame)
+        self._source.hear(received)
         # The episode keeps them until the next frame: memory freed at the end of the heap would be returned, and
         # fetched page by page.
         observations = self._source.format.pack_all(received)

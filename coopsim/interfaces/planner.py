@@ -4,15 +4,39 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
+
+import numpy as np
 
 from coopsim.config.spec import instantiate, parse_spec
 from coopsim.errors import InvalidValueError
+from coopsim.geometry.se3 import Floats
+from coopsim.support.arrays import freeze
 from coopsim.support.registry import Registry
 from coopsim.support.user_code import class_at
 from coopsim.types import Tracks
 from coopsim.types.driving import Route
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """Knowledge of what may hide others from a car, in the car's base frame. It holds no road user.
+
+    Attributes:
+        walls: (S, 4) x and y of both ends, m, of sides of buildings and walls near the car, by the map.
+        eyes: (V, 2) m, places that agents said they were at in messages that arrived last.
+        entries: (A, 5) places on lanes that lead across the way ahead, to whose traffic the car may have to yield, by
+            the map: x and y, m; the speed limit, m/s; the distance from there to the way of the car, m; and that along
+            the car's route to the line before it, m.
+    """
+
+    walls: Floats
+    eyes: Floats
+    entries: Floats = field(default_factory=lambda: np.zeros((0, 5)))
+
+    def __post_init__(self) -> None:
+        freeze(self, walls=((None, 4), np.float64), eyes=((None, 2), np.float64), entries=((None, 5), np.float64))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,6 +57,7 @@ class PlannedCar:
         traffic_side: side of the road that vehicles keep to, "right" or "left".
         steering_rad: angle of the front wheels, of a car that the planner steers.
         wheelbase_m: distance between the axles, of which the middle is the car's, of a car that the planner steers.
+        sight: what may hide others, for a planner that `looks`.
     """
 
     name: str
@@ -48,6 +73,7 @@ class PlannedCar:
     traffic_side: str = "right"
     steering_rad: float = 0.0
     wheelbase_m: float = 0.0
+    sight: Sight | None = None
 
 
 Plan = float | tuple[float, float]
@@ -59,9 +85,11 @@ class Planner(ABC):
 
     Attributes:
         steers: the planner steers, too: its car does as under `control="steering"`, and has a goal.
+        looks: the planner is told what may hide others, as `PlannedCar.sight`.
     """
 
     steers: ClassVar[bool] = False
+    looks: ClassVar[bool] = False
 
     @abstractmethod
     def plan(self, car: PlannedCar) -> Plan:
@@ -73,7 +101,9 @@ class Planner(ABC):
 
 
 PLANNERS: Registry[type[Planner]] = Registry(
-    "planner", home=("coopsim.planning.idm_aeb", "coopsim.planning.route_follower"), group="coopsim.planners"
+    "planner",
+    home=tuple(f"coopsim.planning.{name}" for name in ("idm_aeb", "route_follower", "cautious")),
+    group="coopsim.planners",
 )
 """Planner classes. Installed packages add theirs through the entry-point group `coopsim.planners`."""
 

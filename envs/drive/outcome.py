@@ -12,12 +12,12 @@
 | `route_completion` | MetaDrive | share of the route that is behind it, in [0, 1] |
 | `speed` | highway-env | m/s |
 | `wrong_way` | ours | it is on lanes that all lead the other way; ends nothing |
+| `red_lights` | ours | number of red lights that it has run so far; ends nothing |
 | `is_success` | Stable-Baselines3 | at the end: whether it has arrived |
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,9 +30,6 @@ from coopsim.geometry.taken_ground import TakenGround
 from coopsim.types.driving import CarState
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.snapshot import Actors, RoadMap
-
-STRAYS_M = 30.0
-"""Distance from the route at which a drive is over; the CARLA leaderboard's."""
 
 _TOUCHES_M = 0.5  # bodies that crashed have been pushed apart
 _ON_FOOT = (ObjectClass.PEDESTRIAN, ObjectClass.CHILD, ObjectClass.BICYCLE, ObjectClass.SCOOTER)
@@ -67,9 +64,8 @@ class Judge:
         (row,) = np.flatnonzero(actors.id == me)
         corners = _corners(actors.boxes, int(row))
         middle = actors.boxes.center[row : row + 1, :2]
-        route_m = math.hypot(*car.route.points[0].tolist())
         arrives = not car.crashed and car.route.arrived
-        left, strays = not self._road.covers(middle)[0], route_m > STRAYS_M
+        left, strays = not self._road.covers(middle)[0], car.route.strayed
         hit = _touched(corners, me, actors) if car.crashed else ""
         infos: dict[str, Any] = {f"crash_{kind}": hit == kind for kind in ("vehicle", "human", "building")}
         infos |= {
@@ -83,6 +79,7 @@ class Judge:
             "route_completion": 1.0 if arrives else car.route.completion,
             "speed": car.speed_m_s,
             "wrong_way": car.wrong_way,
+            "red_lights": car.red_lights,
         }
         terminated = bool(car.crashed or left or strays or arrives)
         if terminated or timed_out:

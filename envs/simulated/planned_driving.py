@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from coopsim.envs.frames import AgentFrame, Frame
+from coopsim.envs.simulated.sights import Sights
 from coopsim.errors import InvalidValueError, PlannerError
 from coopsim.interfaces.planner import Plan, PlannedCar, Planner, PlannerOption, make_planner
-from coopsim.types import NS_PER_S, AgentSpec, Tracks
+from coopsim.types import NS_PER_S, AgentSpec, Observation, Tracks
 from coopsim.types.driving import LARGEST_ACCELERATION_M_S2, LARGEST_BRAKING_M_S2, LARGEST_STEERING_RAD
 
 LONGEST_CALL_S = 5.0
@@ -24,9 +25,15 @@ LONGEST_CALL_S = 5.0
 class PlannedDriving:
     """The planners of an episode, one for each driven car."""
 
-    def __init__(self, planner: PlannerOption, driven: Mapping[str, AgentSpec]) -> None:
-        self._specs = driven
+    def __init__(self, planner: PlannerOption, driven: Mapping[str, AgentSpec], sights: Sights) -> None:
+        self._specs, self._sights = driven, sights
         self._planners = {name: make_planner(planner) for name in driven}
+        self._looking = {name for name, each in self._planners.items() if each.looks}
+
+    def hear(self, received: Mapping[str, Observation]) -> None:
+        """Take note of the messages that have arrived, by agent, if a planner looks from where they came."""
+        if self._looking:
+            self._sights.hear({name: received[name] for name in self._looking})
 
     def commands(self, frame: Frame, tracks: Mapping[str, Tracks]) -> dict[str, Plan]:
         """Ask the planner of each driven car that has not crashed for an acceleration, m/s², or with an angle, rad.
@@ -61,6 +68,7 @@ class PlannedDriving:
             state.traffic_side,
             state.steering_rad,
             state.wheelbase_m,
+            self._sights.of(name, agent.observation) if name in self._looking else None,
         )
         planner, began = self._planners[name], time.monotonic()
         try:

@@ -21,13 +21,14 @@ from coopsim.envs.simulated.lidar_sensing import (
 )
 from coopsim.envs.simulated.perception import Perception, observation_format
 from coopsim.envs.simulated.planned_driving import PlannedDriving
+from coopsim.envs.simulated.sights import Sights
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import InvalidValueError
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.scene import RayScene, SceneGeometry
 from coopsim.sensors.visibility import PixelVisibility, Visibility, measure_pixels
 from coopsim.support.arrays import look_up
-from coopsim.types import AgentSpec, CameraImage, Ints, Sweep, Tracks, seconds_to_ns
+from coopsim.types import AgentSpec, CameraImage, Ints, Observation, Sweep, Tracks, seconds_to_ns
 from coopsim.types.driving import ACCELERATION, MANEUVER, STEERING, Command, acceleration_of
 from coopsim.world.intersections import LitJunction, lit_junctions
 from coopsim.world.recording.episode_file import Episode
@@ -93,6 +94,10 @@ class Simulation(FrameSource):
         frame = self._episode.advance(commands, tracks)
         self.road_map = self._world.map  # with traffic lights as they are now
         return frame
+
+    def hear(self, received: Mapping[str, Observation]) -> None:
+        """Let planners know of the messages that have arrived; see `FrameSource.hear`."""
+        self._episode.hear(received)
 
     @property
     def driven(self) -> tuple[str, ...]:
@@ -189,7 +194,14 @@ class SimulatedEpisode:
         """Let the action or a planner drive some connected cars of a world, by name."""
         self._cars, self._driven = world, driven
         if self._options.control == "planner":
-            self._planning = PlannedDriving(self._options.planner, {name: self._specs[name] for name in driven})
+            entries = world.entries if isinstance(world, World) else lambda name: np.zeros((0, 5))
+            sights = Sights(self._world.map, entries)
+            self._planning = PlannedDriving(self._options.planner, {name: self._specs[name] for name in driven}, sights)
+
+    def hear(self, received: Mapping[str, Observation]) -> None:
+        """Let planners know of the messages that have arrived."""
+        if self._planning is not None:
+            self._planning.hear(received)
 
     def advance(self, commands: Mapping[str, Command], tracks: Mapping[str, Tracks]) -> Frame:
         """Step the world and return the next frame; see `FrameSource.advance`."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
+from coopsim.types.driving import RED
 from coopsim.world.traffic.fleet import CHAUFFEURED, UNYIELDING, Vehicle
 from coopsim.world.traffic.lane_geometry import local_coordinates
 from coopsim.world.traffic.lanes import POLYLINE, LaneArrays
@@ -46,6 +47,16 @@ def line_ahead(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: 
             return k, distance_m
         distance_m += network.lanes[lane_of_route(network, vehicle, route, k)].length
     return -1, np.inf
+
+
+@njit(cache=True, nogil=True)
+def count_red(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: Ints, light: Ints) -> None:
+    """Count the movements that the middle of an agent's car begins while their light is red."""
+    k, line_m = line_ahead(network, vehicle, route, movement_of)
+    over = movement_of[route[k, 0]] + 1 if k >= 0 and line_m <= 0 else 0
+    if over > 0 and over != vehicle.over and light[over - 1] == RED:
+        vehicle.red_lights += 1
+    vehicle.over = over
 
 
 @njit(cache=True, nogil=True)
