@@ -138,7 +138,7 @@ class FrameSource(ABC):
             PlannerError: a planner failed; see `coopsim.interfaces.planner`.
         """
 
-    def hear(self, received: Mapping[str, Observation]) -> None:  # noqa: B027  (most have nobody to tell)
+    def hear(self, received: Mapping[str, Observation]) -> None:
         """Take notice of the newest frame's observations with the messages that arrived; planners look from there."""
 
     @property

@@ -10,6 +10,7 @@ just arrived, is cut by a wall of the map or by a track that stands.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -21,6 +22,7 @@ from coopsim.planning.hidden import hidden, sides
 from coopsim.planning.idm_aeb import ON_FOOT
 from coopsim.planning.route_follower import RouteFollower
 from coopsim.support.checks import require_positive
+from coopsim.types import Ints, Mask
 
 WALKS_M_S = 1.4
 """Speed of people who step out: 5 km/h, as of the child from behind parked cars in Euro NCAP's test of vulnerable road
@@ -60,30 +62,46 @@ class Cautious(RouteFollower):
     def plan(self, car: PlannedCar) -> tuple[float, float]:
         if car.sight is None:
             return super().plan(car)
-        most = self._most_m_s(car, car.sight)
-        limits = np.minimum(car.route.speed_limit_m_s, most)
+        limits = car.route.speed_limit_m_s.copy()
+        hides = self._hidden(car, car.sight)
+        limits[0] = min(limits[0], self._past_people_m_s(car, hides))
+        lines = _points_at(car, self._blind_lines_m(car, car.sight, hides))
+        limits[lines] = np.minimum(limits[lines], self.creeps_m_s)
         return super().plan(replace(car, route=replace(car.route, speed_limit_m_s=limits)))
 
-    def _most_m_s(self, car: PlannedCar, sight: Sight) -> float:
-        """Return the speed, m/s, with which the car could stop for all who may hide, or would have passed them."""
+    def _hidden(self, car: PlannedCar, sight: Sight) -> Callable[[Floats], Mask]:
+        """Return the function that tells of places (P, 2) m whether nobody sees them."""
         eyes = np.concatenate([np.zeros((1, 2)), sight.eyes])
         standing = (np.hypot(*car.tracks.velocity.T) < _STANDS_M_S) & ~np.isin(car.tracks.label, ON_FOOT)
         boxes = car.tracks.boxes[standing].array
         carries = (np.hypot(*(boxes[:, None, :2] - eyes).transpose(2, 0, 1)) < _EYE_M).any(axis=1)
         cover = np.concatenate([sight.walls, sides(boxes[~carries])])
-        places, along_m, aside_m = _beside_path(car)
-        out = hidden(places, eyes, cover, boxes, self.sees_m)
-        people = _allowed_m_s(car, along_m[out], aside_m[out] / WALKS_M_S, self.least_m_s)
-        entries = sight.entries[sight.entries[:, 4] > 0]
-        out = hidden(np.ascontiguousarray(entries[:, :2]), eyes, cover, boxes, self.sees_m)
-        x, y, limit, way_m, line_m = entries[out].T
-        return min(people, _allowed_m_s(car, line_m, way_m / limit, self.creeps_m_s))
+        return lambda places: hidden(np.ascontiguousarray(places), eyes, cover, boxes, self.sees_m)
+
+    def _past_people_m_s(self, car: PlannedCar, hides: Callable[[Floats], Mask]) -> float:
+        """Return the speed, m/s, with which the car could stop for people who may step out, or has passed before."""
+        places, ahead_m, aside_m = _beside_path(car)
+        out = hides(places)
+        stops = np.maximum(_stopping_m_s(ahead_m[out]), self.least_m_s)
+        passes = (ahead_m[out] + car.length_m) * WALKS_M_S <= car.speed_m_s * aside_m[out]
+        return float(np.where(passes, np.inf, stops).min(initial=np.inf))
+
+    def _blind_lines_m(self, car: PlannedCar, sight: Sight, hides: Callable[[Floats], Mask]) -> Floats:
+        """Return the ways to lines, m, before which the car does not see who comes across, and could not pass before.
+
+        A car that can still stop brakes at ease; one that cannot is over the junction before it knows more.
+        """
+        entries = sight.entries[hides(sight.entries[:, :2])]
+        limit, way_m, line_m = entries[:, 2:].T
+        passes = (line_m + car.length_m) * limit <= way_m * car.speed_m_s
+        blind: Floats = line_m[(line_m > 0) & ~passes]
+        return blind
 
 
 def _beside_path(car: PlannedCar) -> tuple[Floats, Floats, Floats]:
     """Return places (P, 2) to both sides of the way ahead, their way from the bumper, and that from the body, m."""
-    route, half_m = car.route, car.length_m / 2
-    at = np.minimum(((_AHEAD_M + half_m) / route.spacing_m).astype(int), len(route.points) - 1)
+    route = car.route
+    at = _points_at(car, _AHEAD_M)
     left = np.stack([-route.tangents[at, 1], route.tangents[at, 0]], axis=1)
     aside_m = car.width_m / 2 + np.concatenate([_SIDE_M, -_SIDE_M - car.width_m])
     places = route.points[at][:, None] + aside_m[:, None] * left[:, None]
@@ -91,9 +109,14 @@ def _beside_path(car: PlannedCar) -> tuple[Floats, Floats, Floats]:
     return places.reshape(-1, 2), np.repeat(_AHEAD_M, count), np.tile(np.tile(_SIDE_M, 2), len(at))
 
 
-def _allowed_m_s(car: PlannedCar, ahead_m: Floats, comes_s: Floats, least_m_s: float) -> float:
-    """Return the speed, m/s, from which the car stops in ways (M,) m, or with which it passes before times (M,) s."""
+def _points_at(car: PlannedCar, ahead_m: Floats) -> Ints:
+    """Return the points (M,) of the route that the front bumper has at ways (M,) m."""
+    at = ((ahead_m + car.length_m / 2) / car.route.spacing_m).astype(np.int64)
+    return np.minimum(at, len(car.route.points) - 1)
+
+
+def _stopping_m_s(ahead_m: Floats) -> Floats:
+    """Return speeds (M,) m/s from which the car stops in ways (M,) m."""
     delay = STOPS_M_S2 * STOPS_S
-    stops = np.sqrt(delay**2 + 2 * STOPS_M_S2 * np.maximum(ahead_m, 0.0)) - delay
-    passes = (ahead_m + car.length_m) / np.maximum(comes_s, 1e-3) <= car.speed_m_s
-    return float(np.where(passes, np.inf, np.maximum(stops, least_m_s)).min(initial=np.inf))
+    speeds: Floats = np.sqrt(delay**2 + 2 * STOPS_M_S2 * ahead_m) - delay
+    return speeds

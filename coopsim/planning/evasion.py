@@ -30,7 +30,7 @@ def shift_without_touch(car: PlannedCar, at_m: float, ways: Callable[[float], Oc
     """
     most = round(_MOST_M / _STEP_M)
     lines = [ways(at_m + k * _STEP_M) for k in range(-most, most + 1)]
-    low_m, high_m = _bounds_m(car)
+    low_m, high_m = bounds_m(car)
     if not _hits(car, lines, 0, LARGEST_BRAKING_M_S2):
         return 0.0
     for steps in sorted(range(-most, most + 1), key=abs)[1:]:
@@ -49,7 +49,7 @@ def _hits(car: PlannedCar, lines: Sequence[Occupied], steps: int, braking_m_s2: 
     return bool(np.stack(touches)[line, np.arange(len(times))].any())
 
 
-def _bounds_m(car: PlannedCar) -> tuple[float, float]:
+def bounds_m(car: PlannedCar) -> tuple[float, float]:
     """Return how far to the right (negative) and to the left of its route the middle of a car may go, m."""
     if not len(car.route.lane_width_m):
         return 0.0, 0.0

@@ -45,7 +45,7 @@ _COOLNESS = 0.99
 _SETTLING_S = 0.5
 """Time in which the car comes down to a limit that it has missed; ours."""
 
-_SLOWEST_M_S = 0.5
+STANDS_M_S = 0.5
 """Slower tracks stand: the direction of their velocity is noise."""
 
 _BELIEF_S = 0.5
@@ -212,7 +212,7 @@ class IdmAeb(Planner):
         """
         place = np.clip(gap / car.route.spacing_m, 0, len(car.route.points) - 1).astype(int)
         right, enters, tracks = car.route.right_of_way[place], way.times[first], np.arange(len(gap))
-        lead_s = enters - gap / max(car.speed_m_s, _SLOWEST_M_S)
+        lead_s = enters - gap / max(car.speed_m_s, STANDS_M_S)
         waits = OUTER_SIDES[car.traffic_side] * way.aside[np.maximum(first - 1, 0), tracks] < 0
         earlier = (lead_s > self.margin_s) | ((lead_s > -self.margin_s) & waits)
         needed = way.speed / (2 * np.maximum(enters, _STEP_S))
@@ -240,7 +240,7 @@ class IdmAeb(Planner):
         """Return the turn rates (N,) rad/s of tracks, and the share (N,) of their velocities that is believed."""
         tracks, before = car.tracks, self._known
         direction, speed = np.arctan2(*tracks.velocity.T[::-1]), np.hypot(*tracks.velocity.T)
-        turns = speed > 2 * _SLOWEST_M_S
+        turns = speed > 2 * STANDS_M_S
         self._known = {}
         for k, identity in enumerate(tracks.id.tolist()):
             known, rate = before.get(identity), 0.0
@@ -344,7 +344,7 @@ def _occupied(
         along + half_along,
         speed,
         forward,
-        (speed < _SLOWEST_M_S) | follows,
+        (speed < STANDS_M_S) | follows,
         np.isin(tracks.label, ON_FOOT),
     )
 
@@ -361,7 +361,7 @@ def _weighted_velocity(car: PlannedCar, tracks: Tracks, belief: Floats) -> tuple
 def _predicted(tracks: Tracks, velocity: Floats, turn_rate: Floats, times: Floats) -> tuple[Floats, Floats]:
     """Return centres (T, N, 2) m and headings (T, N) rad of tracks with constant speed and turn rate."""
     speed, direction = np.hypot(*velocity.T), np.arctan2(*velocity.T[::-1])
-    speed = np.where(speed < _SLOWEST_M_S, 0.0, speed)
+    speed = np.where(speed < STANDS_M_S, 0.0, speed)
     turned = turn_rate * times[:, None]
     # The chord of an arc: its length is that of the arc times sinc of half the turn, its direction lies half-way.
     chord = speed * times[:, None] * np.sinc(turned / (2 * np.pi))

@@ -54,9 +54,9 @@ def count_red(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: I
     """Count the movements that the middle of an agent's car begins while their light is red."""
     k, line_m = line_ahead(network, vehicle, route, movement_of)
     over = movement_of[route[k, 0]] + 1 if k >= 0 and line_m <= 0 else 0
-    if over > 0 and over != vehicle.over and light[over - 1] == RED:
-        vehicle.red_lights += 1
-    vehicle.over = over
+    if over > 0 and over != vehicle.over:  # of a steered car that leaves its way and comes back it is the same one
+        vehicle.red_lights += light[over - 1] == RED
+        vehicle.over = over
 
 
 @njit(cache=True, nogil=True)

@@ -66,7 +66,7 @@ def _places(network: LaneArrays, point: Floats, heading: float, near: Ints, widt
     for k in near:
         lane = network.lanes[k]
         along, aside = local_coordinates(lane, network.corners, point[0], point[1])
-        widths = int(round(abs(aside) / width_m))
+        widths = round(abs(aside) / width_m)
         if not (1 <= widths <= _MOST and -_BEYOND_M <= along <= lane.length + _BEYOND_M):
             continue
         parallel = math.cos(heading - heading_at(lane, network.corners, along)) > _PARALLEL

@@ -27,7 +27,7 @@ def entering(network: LaneArrays, movements: Movements, movement: int) -> Floats
             first = network.roads["first_lane"][road]
             for number in range(first, first + network.roads["lanes"][road]):
                 lane = network.lanes[number]
-                back_m = _BACK_M[_BACK_M < lane["length"]]
+                back_m = _BACK_M[lane["length"] > _BACK_M]
                 rows = np.zeros((len(back_m), 5))
                 rows[:, :2] = [position_at(lane, network.corners, lane["length"] - back) for back in back_m.tolist()]
                 rows[:, 2], rows[:, 3] = lane["speed_limit"], back_m + movements.clear_m[movement, other]

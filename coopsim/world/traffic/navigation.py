@@ -17,10 +17,10 @@ from coopsim.types import Ints
 from coopsim.types.driving import GIVES_WAY, NO_LIGHT, YELLOW, Route
 from coopsim.world.traffic.asked import can_stop
 from coopsim.world.traffic.beside import lanes_beside
+from coopsim.world.traffic.entries import entering
 from coopsim.world.traffic.fleet import STEERED, Fleet
 from coopsim.world.traffic.lane_geometry import local_coordinates
 from coopsim.world.traffic.lanes import LaneArrays
-from coopsim.world.traffic.entries import entering
 from coopsim.world.traffic.movements import FIRST, Movements
 from coopsim.world.traffic.rules import SAME_WAY
 from coopsim.world.traffic.steered import DRY, WHEELBASE, Walls, is_against, is_on_lane
@@ -66,7 +66,7 @@ class Way:
         start["route_length"] = len(roads)
         count = math.ceil((length_m + REACH_M) / SPACING_M) + 1
         found = points_ahead(network, movements, start, 0, route, SPACING_M, count, obeys=False)
-        self._points = found.points + [float(row["x"]), float(row["y"])]
+        self._points = found.points + np.array([float(row["x"]), float(row["y"])])
         self._limit_m_s, self._rights, self._lanes, self._places = (
             found.limit_m_s,
             found.rights,
