@@ -20,7 +20,7 @@ from coopsim.types.driving import Route
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
+class Occlusions:
     """Knowledge of what may hide others from a car, in the car's base frame. It holds no road user.
 
     Attributes:
@@ -57,7 +57,7 @@ class PlannedCar:
         traffic_side: side of the road that vehicles keep to, "right" or "left".
         steering_rad: angle of the front wheels, of a car that the planner steers.
         wheelbase_m: distance between the axles, of which the middle is the car's, of a car that the planner steers.
-        sight: what may hide others, for a planner that `looks`.
+        occlusions: what may hide others, for a planner that is `occlusion_aware`.
     """
 
     name: str
@@ -73,7 +73,7 @@ class PlannedCar:
     traffic_side: str = "right"
     steering_rad: float = 0.0
     wheelbase_m: float = 0.0
-    sight: Sight | None = None
+    occlusions: Occlusions | None = None
 
 
 Plan = float | tuple[float, float]
@@ -85,11 +85,11 @@ class Planner(ABC):
 
     Attributes:
         steers: the planner steers, too: its car does as under `control="steering"`, and has a goal.
-        looks: the planner is told what may hide others, as `PlannedCar.sight`.
+        occlusion_aware: the planner is told what may hide others, as `PlannedCar.occlusions`.
     """
 
     steers: ClassVar[bool] = False
-    looks: ClassVar[bool] = False
+    occlusion_aware: ClassVar[bool] = False
 
     @abstractmethod
     def plan(self, car: PlannedCar) -> Plan:

@@ -17,7 +17,7 @@ from typing import ClassVar
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
-from coopsim.interfaces.planner import PLANNERS, PlannedCar, Sight
+from coopsim.interfaces.planner import PLANNERS, PlannedCar, Occlusions
 from coopsim.planning.hidden import hidden, sides
 from coopsim.planning.idm_aeb import ON_FOOT
 from coopsim.planning.route_follower import RouteFollower
@@ -48,7 +48,7 @@ class Cautious(RouteFollower):
         creeps_m_s: speed with which it feels its way over a junction into which it cannot see; ours.
     """
 
-    looks: ClassVar[bool] = True
+    occlusion_aware: ClassVar[bool] = True
     sees_m: float = 50.0
     least_m_s: float = 4.0
     creeps_m_s: float = 2.0
@@ -60,22 +60,22 @@ class Cautious(RouteFollower):
         hidden(*nowhere, self.sees_m)  # compiled here, as the time for a plan is limited
 
     def plan(self, car: PlannedCar) -> tuple[float, float]:
-        if car.sight is None:
+        if car.occlusions is None:
             return super().plan(car)
         limits = car.route.speed_limit_m_s.copy()
-        hides = self._hidden(car, car.sight)
+        hides = self._hidden(car, car.occlusions)
         limits[0] = min(limits[0], self._past_people_m_s(car, hides))
-        lines = _points_at(car, self._blind_lines_m(car, car.sight, hides))
+        lines = _points_at(car, self._blind_lines_m(car, car.occlusions, hides))
         limits[lines] = np.minimum(limits[lines], self.creeps_m_s)
         return super().plan(replace(car, route=replace(car.route, speed_limit_m_s=limits)))
 
-    def _hidden(self, car: PlannedCar, sight: Sight) -> Callable[[Floats], Mask]:
+    def _hidden(self, car: PlannedCar, occlusions: Occlusions) -> Callable[[Floats], Mask]:
         """Return the function that tells of places (P, 2) m whether nobody sees them."""
-        eyes = np.concatenate([np.zeros((1, 2)), sight.eyes])
+        eyes = np.concatenate([np.zeros((1, 2)), occlusions.eyes])
         standing = (np.hypot(*car.tracks.velocity.T) < _STANDS_M_S) & ~np.isin(car.tracks.label, ON_FOOT)
         boxes = car.tracks.boxes[standing].array
         carries = (np.hypot(*(boxes[:, None, :2] - eyes).transpose(2, 0, 1)) < _EYE_M).any(axis=1)
-        cover = np.concatenate([sight.walls, sides(boxes[~carries])])
+        cover = np.concatenate([occlusions.walls, sides(boxes[~carries])])
         return lambda places: hidden(np.ascontiguousarray(places), eyes, cover, boxes, self.sees_m)
 
     def _past_people_m_s(self, car: PlannedCar, hides: Callable[[Floats], Mask]) -> float:
@@ -86,12 +86,12 @@ class Cautious(RouteFollower):
         passes = (ahead_m[out] + car.length_m) * WALKS_M_S <= car.speed_m_s * aside_m[out]
         return float(np.where(passes, np.inf, stops).min(initial=np.inf))
 
-    def _blind_lines_m(self, car: PlannedCar, sight: Sight, hides: Callable[[Floats], Mask]) -> Floats:
+    def _blind_lines_m(self, car: PlannedCar, occlusions: Occlusions, hides: Callable[[Floats], Mask]) -> Floats:
         """Return the ways to lines, m, before which the car does not see who comes across, and could not pass before.
 
         A car that can still stop brakes at ease; one that cannot is over the junction before it knows more.
         """
-        entries = sight.entries[hides(sight.entries[:, :2])]
+        entries = occlusions.entries[hides(occlusions.entries[:, :2])]
         limit, way_m, line_m = entries[:, 2:].T
         passes = (line_m + car.length_m) * limit <= way_m * car.speed_m_s
         blind: Floats = line_m[(line_m > 0) & ~passes]

@@ -225,7 +225,7 @@ class World:
         return replace(car, steering_rad=wheel, wheelbase_m=wheelbase_m, wrong_way=bool(rows["against"][k]))
 
     def entries(self, name: str) -> Floats:
-        """Return `Sight.entries` (A, 5) of a connected car, in its own frame; none of a car that nobody steers."""
+        """Return `Occlusions.entries` (A, 5) of a connected car, in its own frame; none of a car that nobody steers."""
         return self._traffic.entries(_number(name))
 
     def release(self, name: str) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from coopsim.envs.frames import AgentFrame, Frame
-from coopsim.envs.simulated.sights import Sights
+from coopsim.envs.simulated.occlusion_map import OcclusionMap
 from coopsim.errors import InvalidValueError, PlannerError
 from coopsim.interfaces.planner import Plan, PlannedCar, Planner, PlannerOption, make_planner
 from coopsim.types import NS_PER_S, AgentSpec, Observation, Tracks
@@ -25,15 +25,15 @@ LONGEST_CALL_S = 5.0
 class PlannedDriving:
     """The planners of an episode, one for each driven car."""
 
-    def __init__(self, planner: PlannerOption, driven: Mapping[str, AgentSpec], sights: Sights) -> None:
-        self._specs, self._sights = driven, sights
+    def __init__(self, planner: PlannerOption, driven: Mapping[str, AgentSpec], occlusions: OcclusionMap) -> None:
+        self._specs, self._occlusions = driven, occlusions
         self._planners = {name: make_planner(planner) for name in driven}
-        self._looking = {name for name, each in self._planners.items() if each.looks}
+        self._aware = {name for name, each in self._planners.items() if each.occlusion_aware}
 
     def hear(self, received: Mapping[str, Observation]) -> None:
-        """Take note of the messages that have arrived, by agent, if a planner looks from where they came."""
-        if self._looking:
-            self._sights.hear({name: received[name] for name in self._looking})
+        """Take note of the messages that have arrived, by agent, if a planner minds where they came from."""
+        if self._aware:
+            self._occlusions.hear({name: received[name] for name in self._aware})
 
     def commands(self, frame: Frame, tracks: Mapping[str, Tracks]) -> dict[str, Plan]:
         """Ask the planner of each driven car that has not crashed for an acceleration, m/s², or with an angle, rad.
@@ -68,7 +68,7 @@ class PlannedDriving:
             state.traffic_side,
             state.steering_rad,
             state.wheelbase_m,
-            self._sights.of(name, agent.observation) if name in self._looking else None,
+            self._occlusions.of(name, agent.observation) if name in self._aware else None,
         )
         planner, began = self._planners[name], time.monotonic()
         try:

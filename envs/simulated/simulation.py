@@ -21,7 +21,7 @@ from coopsim.envs.simulated.lidar_sensing import (
 )
 from coopsim.envs.simulated.perception import Perception, observation_format
 from coopsim.envs.simulated.planned_driving import PlannedDriving
-from coopsim.envs.simulated.sights import Sights
+from coopsim.envs.simulated.occlusion_map import OcclusionMap
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import InvalidValueError
 from coopsim.sensors.lidar.lidar import LidarConfig
@@ -195,8 +195,10 @@ class SimulatedEpisode:
         self._cars, self._driven = world, driven
         if self._options.control == "planner":
             entries = world.entries if isinstance(world, World) else lambda name: np.zeros((0, 5))
-            sights = Sights(self._world.map, entries)
-            self._planning = PlannedDriving(self._options.planner, {name: self._specs[name] for name in driven}, sights)
+            occlusions = OcclusionMap(self._world.map, entries)
+            self._planning = PlannedDriving(
+                self._options.planner, {name: self._specs[name] for name in driven}, occlusions
+            )
 
     def hear(self, received: Mapping[str, Observation]) -> None:
         """Let planners know of the messages that have arrived."""

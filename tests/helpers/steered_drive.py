@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.interfaces.planner import PlannedCar, Planner, Sight
+from coopsim.interfaces.planner import PlannedCar, Planner, Occlusions
 from coopsim.types import Tracks
 from coopsim.types.driving import Route
 from coopsim.types.taxonomy import ObjectClass
@@ -57,7 +57,7 @@ def drive(
     eyes: Sequence[Sequence[float]] = (),
     entries: Sequence[Sequence[float]] = (),
 ) -> Driven:
-    """Drive; lanes `beside` last for a way. Walls, eyes and entries are those of `Sight`, in the frame of the road."""
+    """Drive; lanes `beside` last for a way. Walls, eyes and entries are those of `Occlusions`, in the frame of the road."""
     x = y = yaw = acceleration = 0.0
     out = Driven()
     for k in range(round(seconds / DT_S)):
@@ -70,10 +70,10 @@ def drive(
         labels = np.array([o.label for o in there], dtype=np.int64)
         rows = Boxes3D.from_array(np.array(boxes).reshape(-1, 7))
         tracks = Tracks(np.array([others.index(o) for o in there], int), rows, velocity, np.ones(len(there)), labels)
-        sight = Sight(move(walls).reshape(-1, 4), move(eyes), _moved(entries, move, x))
+        occlusions = Occlusions(move(walls).reshape(-1, 4), move(eyes), _moved(entries, move, x))
         car = PlannedCar(
             "cav_0", round(k * DT_S * 1e9), DT_S, tracks, speed, acceleration, 0.0, LENGTH_M, WIDTH_M,
-            _road(move, x, beside, lasts_m), wheelbase_m=WHEELBASE_M, sight=sight,
+            _road(move, x, beside, lasts_m), wheelbase_m=WHEELBASE_M, occlusions=occlusions,
         )  # fmt: skip
         acceleration, angle = planner.plan(car)  # type: ignore[misc]  # it steers
         speed = max(speed + max(acceleration, -8.0) * DT_S, 0.0)

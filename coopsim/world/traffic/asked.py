@@ -35,6 +35,7 @@ _STAND_M = 11.5  # from the middle of a waiting car to its line, at most
 _STOP_M, _STOP_M_S2 = 9.0, 3.0  # a lane is long enough to stop in from: this, and the way of this braking
 
 _STOPPING_M_S2, _BEFORE_LINE_M = 4.0, 2.0  # braking for a light, and where the middle of a vehicle would then stand
+_PASSED_M, _PASSED_S = 0.5, 0.1  # farther behind a line a car has passed it before
 _CRAWLING_M_S = 3.0  # slower vehicles stop even where they stand beyond the line
 
 
@@ -54,8 +55,9 @@ def count_red(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: I
     """Count the movements that the middle of an agent's car begins while their light is red."""
     k, line_m = line_ahead(network, vehicle, route, movement_of)
     over = movement_of[route[k, 0]] + 1 if k >= 0 and line_m <= 0 else 0
-    if over > 0 and over != vehicle.over:  # of a steered car that leaves its way and comes back it is the same one
-        vehicle.red_lights += light[over - 1] == RED
+    if over > 0 and over != vehicle.over:
+        fresh = -line_m < _PASSED_M + _PASSED_S * vehicle.speed  # a steered car may change to another one later
+        vehicle.red_lights += fresh and light[over - 1] == RED
         vehicle.over = over
 
 

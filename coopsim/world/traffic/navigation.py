@@ -124,7 +124,7 @@ class Way:
         )
 
     def entries(self, row: Any, movements: Movements) -> Floats:
-        """Return places (A, 5) on lanes across the way ahead, in the car's own frame; see `Sight.entries`."""
+        """Return places (A, 5) on lanes across the way ahead, in the car's own frame; see `Occlusions.entries`."""
         part = slice(self._at, self._at + _ENTERS_M)
         crossed, first = np.unique(self._movements[part], return_index=True)
         found = [np.zeros((0, 5))]

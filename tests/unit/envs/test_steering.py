@@ -12,7 +12,7 @@ from coopsim import PlannedCar, Planner
 from coopsim.envs.ego_step import EgoStep
 from coopsim.envs.wrappers import DrivingRows, FixedTracks
 from coopsim.errors import InvalidActionError, InvalidValueError, PlannerError
-from coopsim.interfaces.planner import Sight
+from coopsim.interfaces.planner import Occlusions
 from coopsim.types import Tracks
 from coopsim.wire.actions import pack_tracks
 
@@ -123,35 +123,35 @@ def test_a_planner_must_return_what_it_says(planner: Any, accepted: str) -> None
         drive(planner)
 
 
-SEEN: list[Sight] = []
+SEEN: list[Occlusions] = []
 
 
-class Looks(Straight):
-    looks = True
+class Aware(Straight):
+    occlusion_aware = True
 
     def plan(self, car: PlannedCar) -> tuple[float, float]:
-        assert car.sight is not None
-        SEEN.append(car.sight)
+        assert car.occlusions is not None
+        SEEN.append(car.occlusions)
         return 0.0, 0.0
 
 
-def test_a_planner_that_looks_is_told_of_walls_entries_and_senders_alone() -> None:
+def test_an_occlusion_aware_planner_is_told_of_walls_entries_and_senders_alone() -> None:
     SEEN.clear()
     env = coopsim.parallel_env(
-        "crossing", control="planner", planner=Looks, driven_agents=["cav_0"], uplink="detections",
+        "crossing", control="planner", planner=Aware, driven_agents=["cav_0"], uplink="detections",
         **SMALL | {"connected_cars": 2, "rsus": 1},
     )  # fmt: skip
     observations, _ = env.reset(seed=3)
     policy = coopsim.make_policy("late_fusion")
     policy.reset(env.agent_specs)
     env.step(policy.act(observations))
-    (sight,) = SEEN
+    (known,) = SEEN
     me, *others = (env.episode.frame.agents[name].body for name in ("cav_0", "cav_1", "rsu_0"))
     there = [me.world_SE3_base.inverse().apply(each.world_SE3_base.translation)[:2] for each in others]
-    apart = np.hypot(*(sight.eyes[:, None] - np.array(there)).transpose(2, 0, 1)).min(axis=0)
-    assert len(sight.eyes) == 2 and (apart < 3.0).all()  # as they say themselves, a step before
-    assert len(sight.walls) > 4 and (np.abs(sight.walls) < 200).all()
-    assert (sight.entries[:, 2:] > 0).all()
+    apart = np.hypot(*(known.eyes[:, None] - np.array(there)).transpose(2, 0, 1)).min(axis=0)
+    assert len(known.eyes) == 2 and (apart < 3.0).all()  # as they say themselves, a step before
+    assert len(known.walls) > 4 and (np.abs(known.walls) < 200).all()
+    assert (known.entries[:, 2:] > 0).all()
 
 
 def test_infos_tell_of_leaving_the_route_the_wrong_way_and_red_lights() -> None:

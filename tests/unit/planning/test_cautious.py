@@ -17,8 +17,8 @@ HOUSE = [[20.0, -5.0, 38.0, -5.0], [38.0, -5.0, 38.0, -30.0]]
 ENTRIES = [[42.0, -5.0 - back, 13.9, 8.0 + back, 38.0] for back in range(0, 40, 4)]
 
 
-def slowest(planner: Any, others: list[Other] = (), until_m: float = 45.0, **sight: Any) -> float:  # type: ignore[assignment]
-    driven = drive(planner, others, seconds=10.0, **sight)
+def slowest(planner: Any, others: list[Other] = (), until_m: float = 45.0, **occlusions: Any) -> float:  # type: ignore[assignment]
+    driven = drive(planner, others, seconds=10.0, **occlusions)
     return min(speed for speed, x in zip(driven.speed, driven.x, strict=True) if x < until_m)
 
 

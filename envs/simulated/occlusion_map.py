@@ -1,4 +1,4 @@
-"""What may hide others from driven cars: walls of the map, and from where those see whose messages have arrived."""
+"""Knowledge of what may hide others from driven cars: walls of the map, and places of the senders of messages."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
-from coopsim.interfaces.planner import Sight
+from coopsim.interfaces.planner import Occlusions
 from coopsim.types import Observation
 from coopsim.world.snapshot import RoadMap
 
@@ -16,12 +16,12 @@ NEAR_M = 60.0
 """Walls farther from a car than this are left out."""
 
 
-class Sights:
-    """The sights of all cars in an episode.
+class OcclusionMap:
+    """Map of what may hide others, for all cars in an episode.
 
     Args:
         road_map: has the buildings and walls of the place.
-        entries: places (A, 5) of `Sight.entries` by the car's name, in its base frame.
+        entries: places (A, 5) of `Occlusions.entries` by the car's name, in its base frame.
     """
 
     def __init__(self, road_map: RoadMap, entries: Callable[[str], Floats]) -> None:
@@ -36,11 +36,11 @@ class Sights:
             places = [message.pose.xyz_yaw[:2] for message in observation.inbox]
             self._eyes[name] = np.array(places).reshape(-1, 2)
 
-    def of(self, name: str, observation: Observation) -> Sight:
-        """Return the sight of a car, placed in its map by its own estimate of where it is."""
+    def of(self, name: str, observation: Observation) -> Occlusions:
+        """Return what is around a car, placed in its map by its own estimate of where it is."""
         x, y, _, yaw = observation.pose.xyz_yaw.tolist()
         turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
         walls = (self._walls.reshape(-1, 2, 2) - [x, y]) @ turn
         near = np.abs(walls).max(axis=2).min(axis=1) < NEAR_M
         eyes = (self._eyes.get(name, np.zeros((0, 2))) - [x, y]) @ turn
-        return Sight(walls[near].reshape(-1, 4), eyes, self._entries(name))
+        return Occlusions(walls[near].reshape(-1, 4), eyes, self._entries(name))
