@@ -17,7 +17,7 @@ from typing import ClassVar
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
-from coopsim.interfaces.planner import PLANNERS, PlannedCar, Occlusions
+from coopsim.interfaces.planner import PLANNERS, Occlusions, PlannedCar
 from coopsim.planning.hidden import hidden, sides
 from coopsim.planning.idm_aeb import ON_FOOT
 from coopsim.planning.route_follower import RouteFollower

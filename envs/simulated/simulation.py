@@ -19,9 +19,9 @@ from coopsim.envs.simulated.lidar_sensing import (
     LidarReading,
     LidarSensing,
 )
+from coopsim.envs.simulated.occlusion_map import OcclusionMap
 from coopsim.envs.simulated.perception import Perception, observation_format
 from coopsim.envs.simulated.planned_driving import PlannedDriving
-from coopsim.envs.simulated.occlusion_map import OcclusionMap
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import InvalidValueError
 from coopsim.sensors.lidar.lidar import LidarConfig

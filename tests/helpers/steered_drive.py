@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.interfaces.planner import PlannedCar, Planner, Occlusions
+from coopsim.interfaces.planner import Occlusions, PlannedCar, Planner
 from coopsim.types import Tracks
 from coopsim.types.driving import Route
 from coopsim.types.taxonomy import ObjectClass
@@ -57,7 +57,7 @@ def drive(
     eyes: Sequence[Sequence[float]] = (),
     entries: Sequence[Sequence[float]] = (),
 ) -> Driven:
-    """Drive; lanes `beside` last for a way. Walls, eyes and entries are those of `Occlusions`, in the frame of the road."""
+    """Drive; lanes `beside` last for a way. Walls, eyes and entries are of `Occlusions`, in the frame of the road."""
     x = y = yaw = acceleration = 0.0
     out = Driven()
     for k in range(round(seconds / DT_S)):

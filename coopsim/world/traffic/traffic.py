@@ -229,7 +229,7 @@ class Traffic:
         return self._engine.way_ahead(self.fleet, row)
 
     def entries(self, number: int) -> Floats:
-        """Return places on lanes that lead across the way of a connected car, by its number; see `Occlusions.entries`."""
+        """Return places on lanes across the way of a connected car, by its number; see `Occlusions.entries`."""
         row, lights = self.connected[number], self._engine.lights
         if self._steered is None or lights is None or not self._steered.has(row):
             return np.zeros((0, 5))
