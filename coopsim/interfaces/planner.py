@@ -57,7 +57,7 @@ class PlannedCar:
         traffic_side: side of the road that vehicles keep to, "right" or "left".
         steering_rad: angle of the front wheels, of a car that the planner steers.
         wheelbase_m: distance between the axles, of which the middle is the car's, of a car that the planner steers.
-        occlusions: what may hide others, for a planner that is `occlusion_aware`.
+        occlusions: walls, eyes and entries around it, for a planner that is `occlusion_aware`.
     """
 
     name: str

@@ -26,7 +26,7 @@ def shift_without_touch(car: PlannedCar, at_m: float, ways: Callable[[float], Oc
     Args:
         car: the car, with its route.
         at_m: place of the car to the left of its route.
-        ways: what tracks occupy of the line at a distance to the left of the route, m.
+        ways: function that returns the part that tracks occupy of the line at a distance left of the route, m.
     """
     most = round(_MOST_M / _STEP_M)
     lines = [ways(at_m + k * _STEP_M) for k in range(-most, most + 1)]

@@ -81,7 +81,7 @@ def gain_of_change(planner: IdmAeb, own: tuple[PlannedCar, Occupied], there: tup
     Args:
         planner: has the model of driving.
         own: the car on its present lane, and what tracks occupy of that.
-        there: the same on the new lane.
+        there: the car on the new lane, and what tracks occupy of that.
     """
     car, half_m = own[0], own[0].length_m / 2
     beside = there[1].inside[0] & (there[1].rear[0] < half_m) & (there[1].front[0] > -half_m)
