@@ -113,7 +113,7 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
     Args:
         name: `crossing` (its newest version), `crossing-v2`, the PettingZoo id `coopsim/crossing-v2`, the path of a
             scenario file (`.yaml`), of a file of places, such as a map (`coopsim.world.drawn_places`), or that of a
-            folder of recordings.
+            folder of recordings. Names may have options: "interaction(kind=cut_in)".
         **options: options of every environment (`coopsim.envs.options`), of simulated ones
             (`coopsim.envs.simulated.simulation_options`), of the population (`coopsim.world.population`), and of drawn
             towns (`coopsim.world.drawn_options`).
@@ -128,6 +128,9 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
         return ENVIRONMENTS.get(newest("replay"))(path=name, **options)
     if isinstance(name, Path) or is_scenario_file(name) or is_place_file(name):
         return ENVIRONMENTS.get(newest("file"))(path=name, **options)
+    if isinstance(name, str) and name.endswith(")"):
+        name, written = parse_spec("environment", name)
+        return parallel_env(name, **written | options)
     known = newest(name.removeprefix(f"{NAMESPACE}/")) if isinstance(name, str) else name
     return ENVIRONMENTS.get(known)(**options)
 
@@ -272,6 +275,7 @@ VERSIONED_NAMES = (
     "crossing_path-v2",
     "file-v2",
     "highway-v2",
+    "interaction-v2",
     "left_turn_across-v2",
     "merge-v2",
     "merge_barrier-v2",
@@ -284,6 +288,7 @@ VERSIONED_NAMES = (
     "red_light_runner-v2",
     "replay-v2",
     "roundabout-v2",
+    "route-v2",
     "t_junction-v2",
     "town-v2",
     "urban_grid-v2",

@@ -18,6 +18,7 @@ from coopsim.types.messages import IDLE, MANEUVERS
 
 if TYPE_CHECKING:
     from coopsim.envs.drive.parallel import DriveParallel
+    from coopsim.envs.drive.planned import PlannedDriver
     from coopsim.envs.drive.reward import RouteReward
     from coopsim.envs.drive.single import DriveEnv
     from coopsim.envs.makers import file_env, register_place, replay_env, simulation_env, situation_env
@@ -35,6 +36,7 @@ __all__ = [
     "DriveStep",
     "MessageGain",
     "MotaReward",
+    "PlannedDriver",
     "Reward",
     "RouteReward",
     "SafeProgress",
@@ -49,6 +51,7 @@ _HOMES = {
     "CooperativeEnv": "coopsim.envs.parallel",
     "DriveEnv": "coopsim.envs.drive.single",
     "DriveParallel": "coopsim.envs.drive.parallel",
+    "PlannedDriver": "coopsim.envs.drive.planned",
     "RouteReward": "coopsim.envs.drive.reward",
     "MessageGain": "coopsim.envs.message_gain",
     **dict.fromkeys(("DriveReward", "DriveStep", "MotaReward", "Reward", "SafeProgress"), "coopsim.envs.rewards"),

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any, cast
 from coopsim.comms.channel.channel import Channel
 from coopsim.comms.codecs.codec import CODECS
 from coopsim.comms.codecs.dsrc import MAPEM, SPATEM
+from coopsim.comms.codecs.maneuvers import DENM, MCM
 from coopsim.comms.decode_once import DecodeOnce
+from coopsim.comms.intent_broadcast import IntentBroadcast
 from coopsim.comms.radio.obstruction import RadioScene
 from coopsim.comms.signal_broadcast import SignalBroadcast
 from coopsim.comms.uplinks.budget import Selection, WithinBudget, make_selection
@@ -30,6 +32,9 @@ from coopsim.types.messages import MessagePart, Said
 
 if TYPE_CHECKING:
     from coopsim.agents.policy import Policy
+
+
+_BESIDE = (SPATEM, MAPEM, MCM, DENM)
 
 
 class Exchange:
@@ -51,11 +56,13 @@ class Exchange:
         self.channel = Channel(options.channel_config, seed)
         self.lies: tuple[Lie, ...] = ()
         self.uplink_s = 0.0
-        self._liars = LyingAgents(options.attacks, specs, seed, network_of(options), source.driven)
+        self._liars = LyingAgents(options.attacks, specs, seed, network_of(options), source.open_facts)
         self._uplinks = make_uplinks(options, specs, seed, self._liars)
         self._buildings = source.road_map.buildings if options.channel_config.radio is not None else None
         units = [name for name, spec in specs.items() if spec.kind == "rsu"]
         self._signals = SignalBroadcast(junctions, units) if junctions else None
+        beside = {name: uplink.beside for name, uplink in self._uplinks.items() if uplink.beside}
+        self._intents, self._source = IntentBroadcast(beside) if beside else None, source
         self._by_action = {name: each for name, each in self._uplinks.items() if isinstance(each, SaidByAction)}
         self._asked: dict[str, frozenset[str]] = {}
         self._counted: dict[str, int] = {}
@@ -132,10 +139,12 @@ class Exchange:
         around = None
         if self._buildings is not None:
             around = RadioScene.of(bodies, frame.actors, self._buildings)
+        poses = {name: agent.observation.pose for name, agent in frame.agents.items()}
         if self._signals is not None:
-            poses = {name: agent.observation.pose for name, agent in frame.agents.items()}
-            signals = self._signals.messages(frame.time_ns, positions, poses)
-            further = signals | {name: [*sent, *signals.get(name, ())] for name, sent in (further or {}).items()}
+            further = _joined(further, self._signals.messages(frame.time_ns, positions, poses))
+        if self._intents is not None:
+            cars = {name: car for name in frame.agents if (car := self._source.car_ahead(name)) is not None}
+            further = _joined(further, self._intents.messages(frame.time_ns, cars, poses))
         self.channel.send(messages, frame.time_ns, positions, around, to, further)
 
     def _messages(self, frame: Frame) -> tuple[list[Message], dict[str, Sequence[Message]]]:
@@ -226,11 +235,18 @@ def _checked(uplink: Uplink, sender: str, message: object) -> Message:
     raise InvalidValueError(f"{maker} must make messages of {sender} by a registered codec ({accepted}), got {got}")
 
 
+def _joined(
+    further: Mapping[str, Sequence[Message]] | None, more: Mapping[str, Sequence[Message]]
+) -> Mapping[str, Sequence[Message]]:
+    """Return the further messages of each agent, and more of them."""
+    return {**more, **{name: [*sent, *more.get(name, ())] for name, sent in (further or {}).items()}}
+
+
 def _with_messages(observation: Observation, messages: Sequence[Message]) -> Observation:
-    """Return an observation with what arrived; messages about lights are not in the inbox."""
-    signals = tuple(message.payload for message in messages if message.codec in (SPATEM, MAPEM))
+    """Return an observation with what arrived; ETSI's messages beside detections are not in the inbox."""
+    signals = tuple(message.payload for message in messages if message.codec in _BESIDE)
     if signals:
-        messages = [message for message in messages if message.codec not in (SPATEM, MAPEM)]
+        messages = [message for message in messages if message.codec not in _BESIDE]
     return replace(observation, inbox=tuple(messages), signals=signals)
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
+from coopsim.interfaces.attack import OpenFacts
 from coopsim.sensors.visibility import PixelVisibility, Visibility
 from coopsim.types import AgentSpec, CameraImage, GroundTruth, Ints, Observation, Tracks, stack_xyz_yaw
 from coopsim.types.driving import CarState, Command
@@ -21,7 +22,7 @@ from coopsim.types.lies import Lie, lying_senders
 from coopsim.types.sensing import TRUTH_MODES
 from coopsim.wire.observation_format import ObservationFormat, pack_image
 from coopsim.world.intersections import LitJunction
-from coopsim.world.snapshot import Actors, AgentBody, RoadMap
+from coopsim.world.snapshot import Actors, AgentBody, RoadMap, StaticPart
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,8 +74,8 @@ class Frame:
         actors: everything that is there, in the world frame (for pictures and `state()`).
         last: there is no frame after this one.
         probe: measurements that are made when asked for.
-        end: why it is the last one, if it is: "crash" (of a driven car), "situation over", "recording over" or
-            "max_cycles".
+        end: why it is the last one, if it is: "crash" (of a driven car), "arrived" (all of them), "situation over",
+            "recording over" or "max_cycles".
     """
 
     time_ns: int
@@ -85,9 +86,9 @@ class Frame:
     end: str = "max_cycles"
 
     @property
-    def crashed(self) -> bool:
-        """It is the last one because a driven car has crashed."""
-        return self.last and self.end == "crash"
+    def terminal(self) -> bool:
+        """It is the last one because a driven car has crashed, or because all have arrived."""
+        return self.last and self.end in ("crash", "arrived")
 
     def without_probe(self) -> Frame:
         """Return the frame without what it holds for measurements that cost time."""
@@ -102,6 +103,7 @@ class FrameSource(ABC):
         specs: specs of all agents that ever appear, in order, with the running episode's cameras and LiDARs.
         format: format of the agents' observations.
         road_map: outlines of the running episode's place, for pictures, and its traffic lights as they are now.
+        static: meshes of the running episode's place; none in a replay.
         capacity: the largest number of actors in a frame of any episode.
         region_m: (2,) half the length and width of the evaluation region around an agent; None: unlimited.
         any_score: recorded detections have scores that need not lie in [0, 1], and tracks have these.
@@ -111,6 +113,7 @@ class FrameSource(ABC):
     specs: Mapping[str, AgentSpec]
     format: ObservationFormat
     road_map: RoadMap
+    static: tuple[StaticPart, ...] = ()
     capacity: int
     region_m: tuple[float, float] | None
     any_score: bool = False
@@ -138,9 +141,6 @@ class FrameSource(ABC):
             PlannerError: a planner failed; see `coopsim.interfaces.planner`.
         """
 
-    def hear(self, received: Mapping[str, Observation]) -> None:
-        """Take notice of the newest frame's observations with the messages that arrived; planners look from there."""
-
     @property
     def sequences(self) -> tuple[str, ...]:
         """Names of the sequences that `reset(options={"sequence": name})` plays; empty where there are none."""
@@ -155,6 +155,18 @@ class FrameSource(ABC):
     def driven(self) -> tuple[str, ...]:
         """Names of the agents whose frames have the state of a driven car; empty where there are none."""
         return ()
+
+    def car_ahead(self, name: str) -> CarState | None:
+        """Return the motion of a connected car and the way ahead of it, as its driver knows them; None: not known."""
+        return None
+
+    def hear(self, received: Mapping[str, Observation]) -> None:
+        """Take notice of the current frame's observations with what arrived: planners get planned ways of others."""
+
+    @property
+    def open_facts(self) -> OpenFacts:
+        """Facts that attackers can look up."""
+        return OpenFacts(self.driven)
 
     @property
     def junctions(self) -> tuple[LitJunction, ...]:

@@ -107,7 +107,7 @@ def situation_env(
     staged = kind(**own)
     usual: dict[str, Any] = {"control": "planner"}
     if simulation.get("control") != "traffic":
-        usual |= {"driven_agents": (EGO,), "ends_on_crash": True}
+        usual |= {"driven_agents": (EGO,), "ends_on_crash": True, **kind.usual}
     sensed = SimulationOptions(**usual | simulation)
     if "max_cycles" not in simulation:
         sensed = replace(sensed, max_cycles=math.ceil(staged.over_s / sensed.dt_s - 1e-9))

@@ -41,7 +41,7 @@ from coopsim.types.messages import MOST_STRANGERS
 from coopsim.viz.bev import BevFrame
 from coopsim.wire.actions import action_spaces, idle, unpack_actions
 from coopsim.wire.columns import space_of
-from coopsim.world.snapshot import RoadMap
+from coopsim.world.snapshot import RoadMap, StaticPart
 
 Packed = dict[str, Any]
 Stepped = tuple[dict[str, Packed], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]
@@ -65,7 +65,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     | inbox | sender, codec, captured_ns (M,), pose (M, 4), payload_bytes (M,) | messages that arrived since |
     | inbox_payload | (B, 1) | their payloads, end to end |
     | pose_covariance | (3, 3), in the inbox (M, 3, 3) | only where some agent states one; zeros for none |
-    | signals, signals_payload | payload_bytes (M,), (B, 1) | only with `signal_messages`: of SPATEM, MAPEM |
+    | signals, signals_payload | payload_bytes (M,), (B, 1) | with `signal_messages` or `uplink="intents"`: of ETSI's |
     | sensed | 0 or 1 | only with `sense_every` > 1: whether sensors and detector ran in this frame |
 
     Action (dict, per agent): `tracks` (id, box, velocity, score, label) in the agent's base frame, and for a car that
@@ -98,6 +98,8 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
             "is_parallelizable": True,
             "render_fps": max(1, round(1 / dt_s)),
         }
+        if any(uplink.beside for uplink in uplinks.values()):
+            source.format = replace(source.format, signals=True)
         form = replace(source.format, strangers=MOST_STRANGERS if options.attacks else 0)
         self._observation_spaces = {name: form.space(name) for name in source.specs}
         self._action_spaces = action_spaces(self.agent_specs, any_score=source.any_score)
@@ -228,10 +230,10 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         episode.go_on(frame, received, observations=packed, rewards=rewards, infos=infos, lies=lies, uplink_s=uplink_s)
         self._scores.on_step(episode)
         self._show_if_human()
-        crashed = dict.fromkeys(counts, frame.crashed)
-        truncated = dict.fromkeys(counts, frame.last and not frame.crashed)
+        terminated = dict.fromkeys(counts, frame.terminal)
+        truncated = dict.fromkeys(counts, frame.last and not frame.terminal)
         self._halfway = False
-        return packed, rewards, crashed, truncated, infos
+        return packed, rewards, terminated, truncated, infos
 
     def frames(self, seed: int, sequence: str | None = None) -> Iterator[Frame]:
         """Yield the frames of an episode as its sensors make them, without exchange and scores: for export.
@@ -299,6 +301,11 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
     def road_map(self) -> RoadMap:
         """Outlines of the running episode's place for pictures, in the world frame."""
         return self._source.road_map
+
+    @property
+    def static(self) -> tuple[StaticPart, ...]:
+        """Meshes of the running episode's place that never move, in the world frame; none in a replay."""
+        return self._source.static
 
     @property
     def match_iou(self) -> float:

@@ -22,8 +22,8 @@ from coopsim.comms.codecs.codec import decoder
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
 from coopsim.support.files import write_whole
-from coopsim.support.svg import to_svg
 from coopsim.types import Detections, Message, Observation, PointCloud, Tracks
+from coopsim.viz.charts import to_svg
 
 PAGE = Path(__file__).parents[1] / "docs" / "learn" / "message.svg"
 EPISODE: dict[str, Any] = {"latency_s": 0.3, "loss": 0.3, "position_noise_m": 0.2, "max_cycles": 60}

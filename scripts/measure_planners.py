@@ -33,6 +33,7 @@ from coopsim.planning.idm_aeb import IdmAeb
 from coopsim.planning.pursuit import steering_angle
 from coopsim.types import NS_PER_S
 from coopsim.wire.actions import act_of
+from coopsim.world.snapshot import RoadUsers
 
 EGO, SECONDS_PER_M, DELAY_S, DT_S = "cav_0", 0.8, 5.0, 0.1
 OPTIONS = {"route_m": [200, 300], "vehicles": 20, "pedestrians": 12, "connected_cars": 3, "rsus": 1}
@@ -55,6 +56,7 @@ class Watch:
 
     def __init__(self, env: CooperativeEnv) -> None:
         self._env, self._judge, self._steps = env, Judge(env.road_map), 0
+        self._car = env.cars[EGO]
         self.row = Row(wrong_way_s=0.0, aside_m=0.0, hard=0, route_m=env.cars[EGO].route.length_m)
 
     def look(self) -> None:
@@ -64,7 +66,12 @@ class Watch:
         late = self._steps * DT_S >= row["route_m"] * SECONDS_PER_M + DELAY_S
         me = frame.agents[EGO].body.actor_id
         assert me is not None
-        outcome = self._judge.outcome(car, me, frame.actors, timed_out=late)
+        actors = frame.actors
+        body = actors.boxes.center[:, :2], actors.boxes.yaw, actors.velocity, actors.boxes.size
+        users = RoadUsers(*body, actors.label, actors.model)
+        at = int(np.flatnonzero(actors.id == me)[0])
+        outcome = self._judge.outcome(self._car, car, at, users, "", timed_out=late)
+        self._car = car
         row["wrong_way_s"] = round(row["wrong_way_s"] + DT_S * car.wrong_way, 1)
         row["aside_m"] = round(max(row["aside_m"], math.hypot(*car.route.points[0])), 2)
         row["hard"] += car.acceleration_m_s2 < -3.0

@@ -72,7 +72,7 @@ def table(every: dict[str, Matches]) -> str:
 
 def draw(every: dict[str, Matches]) -> str:
     """Draw all panels, as SVG."""
-    # Powers on logarithmic axes are formulas, which `coopsim.support.svg` shows as text.
+    # Powers on logarithmic axes are formulas, which `coopsim.viz.charts` shows as text.
     with rc_context({"svg.hashsalt": "coopsim", "svg.fonttype": "none", "font.size": 8}):
         figure = Figure(figsize=(13, 15), layout="constrained")
         axes = iter(figure.subplots(5, 4).ravel())

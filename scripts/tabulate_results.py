@@ -34,7 +34,7 @@ from coopsim.catalog import PolicySpec
 from coopsim.cli.argument_types import names
 from coopsim.cli.arguments import stored_results
 from coopsim.support.files import write_whole
-from coopsim.support.svg import line_style, to_svg
+from coopsim.viz.charts import PAGE_IN, looks, to_svg
 
 MESSAGES_PER_S = 10
 """Messages that each agent sends in the usual environments, of 0.1 s a frame."""
@@ -174,22 +174,20 @@ def figure(measured: Sequence[Measured], titles: dict[str, list[str]]) -> str:
 
     def draw(made: Any) -> None:
         panel = made.subplots()
-        for number, (title, policies) in enumerate(titles.items()):
+        for (title, policies), look in zip(titles.items(), looks(list(titles)).values(), strict=True):
             mine = [each.values for each in measured if each.place == EVERYWHERE and each.policy in policies]
             pairs = [(each["bytes_per_message"][0], each["APBEV@0.5"][0]) for each in mine]
             points = sorted((size * MESSAGES_PER_S, ap) for size, ap in pairs if size is not None and ap is not None)
-            style, color = line_style(number)
             if points and points[-1][0] == 0:
-                panel.axhline(points[-1][1], color=color, ls=":", label=title)
+                panel.axhline(points[-1][1], color=look.color, ls=":", label=title)
             elif points:
-                panel.plot(*zip(*points, strict=True), f"o{style}", color=color, ms=4, label=title)
+                panel.plot(*zip(*points, strict=True), **look.matplotlib, ms=4.2, label=title)
         panel.set_xscale("log")
         panel.xaxis.set_major_formatter("{x:,.0f}")  # numbers as text: formulas would show their source
         panel.set(xlabel="bytes a second, of each sender", ylabel="APBEV@0.5, vehicles")
-        panel.grid(alpha=0.25)
-        panel.legend(fontsize=7, frameon=False, handlelength=3.5, loc="center left", bbox_to_anchor=(1.0, 0.5))
+        panel.legend(handlelength=3.5, loc="center left", bbox_to_anchor=(1.0, 0.5))
 
-    return to_svg(draw, 7.0, 4.0)
+    return to_svg(draw, PAGE_IN, 4.0)
 
 
 if __name__ == "__main__":

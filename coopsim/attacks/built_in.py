@@ -1,5 +1,5 @@
 """The attacks that come along. Importing registers them."""
 
-from coopsim.attacks import envelopes, ghost, gradients, objects, points, senders
+from coopsim.attacks import brakes, envelopes, ghost, gradients, objects, points, senders
 
-__all__ = ["envelopes", "ghost", "gradients", "objects", "points", "senders"]
+__all__ = ["brakes", "envelopes", "ghost", "gradients", "objects", "points", "senders"]

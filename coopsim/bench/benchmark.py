@@ -11,6 +11,7 @@ from coopsim.bench.engine.engine import Engine
 from coopsim.bench.engine.job import Job
 from coopsim.bench.films.choice import has_film
 from coopsim.bench.films.filmed_job import FilmedJob, film_jobs
+from coopsim.bench.films.telling_pair import has_space, space_jobs
 from coopsim.bench.grid.axis import ATTACKS, LATENCY, POLICY, RATE
 from coopsim.bench.grid.cell import (
     Cell,
@@ -41,6 +42,7 @@ def benchmark(
     retry_failed: bool = False,
     films: bool = False,
     retry_unfilmed: bool = False,
+    space: bool = False,
     command: str = "",
     isolation: Isolation = Isolation(),  # noqa: B008  (frozen)
     only: Collection[Cell] | None = None,
@@ -61,6 +63,7 @@ def benchmark(
         retry_failed: also run cells whose stored result is a traceback.
         films: keep films of the runs, for the clips of a report: of those of `cells_to_film`, without a salt.
         retry_unfilmed: also run cells again whose result is stored, and whose film is missing or broken.
+        space: with `films`, run the most telling pair again, and keep its films in three dimensions.
         command: the command that gives the same numbers, kept in the store.
         isolation: separation of policies from the world.
         only: the cells to run; None: all of the grid.
@@ -89,6 +92,9 @@ def benchmark(
         return not (retry_unfilmed and isinstance(job, FilmedJob)) or has_film(result)
 
     results = run_jobs(jobs, engine, store, is_kept=is_kept, on_progress=on_progress, on_broken=on_broken)
+    if space:
+        again = space_jobs(jobs, results)
+        results |= run_jobs(again, engine, store, is_kept=lambda job, result: has_space(result), on_broken=on_broken)
     return [results[job.key] for job in jobs]
 
 
@@ -152,5 +158,5 @@ def _require_no_condition(scenario: str) -> None:
         if options.get(name) is not None:
             raise InvalidValueError(
                 f"scenarios must have no {name} of their own in a grid, got {scenario!r}: move it to the grid's "
-                "options, where it is the same in all cells"
+                "options, where it is the same in all runs"
             )

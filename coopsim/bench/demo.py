@@ -11,10 +11,12 @@ import coopsim
 from coopsim.bench.engine.result_of import result_of
 from coopsim.bench.evaluate import Evaluation, evaluate
 from coopsim.bench.films.film import Film, Filming, Rows
+from coopsim.bench.films.space import CLOUD_POINTS
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.grid.policies import arithmetic_of
 from coopsim.bench.report.bench_report import About, write_bench_report
 from coopsim.bench.report.scene import Scene, SceneRun
+from coopsim.bench.report.space_data import SpaceRun, SpaceView
 from coopsim.bench.results.result_table import ResultTable, named
 from coopsim.catalog import PolicySpec
 from coopsim.episode import Episode, Recorder
@@ -128,7 +130,8 @@ class Demo:
     def _run_one(self, policy: str, latency_s: float | None, tick: Callable[[], object]) -> DemoRun:
         """Run a policy. The first run films what all share: truth, points, and one moment through the cameras."""
         config, first = self.config, not self.runs
-        filming, watch = Filming(_POINTS_SHOWN if first else 0), _Watch(tick, config.frames // 2 + 1 if first else 0)
+        filming = Filming(_POINTS_SHOWN if first else 0, space=CLOUD_POINTS if first else 0)
+        watch = _Watch(tick, config.frames // 2 + 1 if first else 0)
         options = self._options(latency_s) | {"recorders": [filming, watch]}
         evaluation = evaluate(policy, config.environment, seed=config.seed, **options)
         return DemoRun(policy, latency_s, evaluation, filming.film, watch)
@@ -143,7 +146,14 @@ class Demo:
             agent: {camera: image.rgb for camera, image in images.items() if image.rgb is not None}
             for agent, images in watch.images.items()
         }
-        return Scene(film.dt_s, film.road_map, film.frames, runs, cameras, watch.time_ns)
+        return Scene(film.dt_s, film.road_map, film.frames, runs, cameras, watch.time_ns, self._space())
+
+    def _space(self) -> SpaceView:
+        """Return the runs in three dimensions: the first one that heard of something is shown at first."""
+        runs = [SpaceRun(f"{run.policy}, {run.about['latency']}", run.film) for run in self.runs]
+        heard = [any(any(each.values()) for each in run.film.arrived) for run in self.runs]
+        agent = next(iter(self.runs[0].film.frames[0].agents))
+        return SpaceView(runs, agent, heard.index(True) if any(heard) else 0)
 
     def _settings(self) -> dict[str, str]:
         config, first = self.config, self.runs[0]

@@ -23,7 +23,7 @@ from coopsim.metrics.metric import PRIMARY_METRIC
 from coopsim.metrics.score import Score
 from coopsim.provided import listening_env
 from coopsim.support.files import make_folder, write_whole
-from coopsim.support.svg import line_style, to_svg
+from coopsim.viz.charts import PAGE_IN, fit_beside, label_ends, legend_below, looks, to_svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -133,21 +133,26 @@ def _place(value: float) -> float:
 
 def plot(results: Results, title: str) -> str:
     """Plot MOTA over recall as SVG, with a panel for each protocol and a line for each policy."""
+    styles = looks(list(results))
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots(1, 2, sharey=True)
+        ends = []
         for panel, (protocol, heading) in zip(axes, _PROTOCOLS.items(), strict=True):
-            for name in sorted(results, key=lambda name: _place(getattr(results[name], protocol)[PRIMARY_METRIC])):
-                recall, mota = mota_over_recall(getattr(results[name], protocol))
-                style, color = line_style(list(results).index(name))
-                panel.plot(recall, mota, style, color=color, linewidth=1.3, label=name)
-            panel.set(title=heading, xlabel="recall", xlim=(0, 1), ylim=(-20, 100))
-            panel.grid(alpha=0.25)
-            panel.legend(fontsize=7, loc="upper left", frameon=False)
+            curves = {name: mota_over_recall(getattr(each, protocol)) for name, each in results.items()}
+            for name, curve in curves.items():
+                panel.plot(*curve, **{**styles[name].matplotlib, "marker": ""})
+            panel.set(title=heading, xlabel="recall", xlim=(0, 1))
+            ends = [(name, styles[name], *(float(each[-1]) for each in curve)) for name, curve in curves.items()]
+        axes[0].set_ylim(max(-20, axes[0].get_ylim()[0]), axes[0].get_ylim()[1])
         axes[0].set_ylabel("MOTA (%)")
+        if fit_beside(list(results)):
+            label_ends(axes[1], ends, 2.2)
+        else:
+            legend_below(figure, styles)
         figure.suptitle(title)
 
-    return to_svg(draw, 9, 4)
+    return to_svg(draw, PAGE_IN, 3.2)
 
 
 def write_leaderboard(folder: Path, results: Results, title: str) -> tuple[Path, ...]:

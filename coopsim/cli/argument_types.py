@@ -51,6 +51,15 @@ def names(text: str) -> tuple[str, ...]:
     return _which(named, all(named) and len(set(named)) == len(named))
 
 
+@accepting("distinct environments")
+def environments(text: str) -> tuple[str, ...]:
+    """Parse distinct environments with commas between them; commas in brackets belong to options."""
+    from coopsim.config.spec import split_specs
+
+    found = split_specs(text)
+    return _which(found, all(found) and len(set(found)) == len(found))
+
+
 @accepting("a policy")
 def policy(text: str) -> str:
     """Parse a policy. Return its one spelling."""

@@ -9,7 +9,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from coopsim.bench.grid.cell import CellResult
-from coopsim.cli.argument_types import count, count_or_zero, names, numbers, policies, policy, varied, varied_option
+from coopsim.cli.argument_types import (
+    count,
+    count_or_zero,
+    environments,
+    names,
+    numbers,
+    policies,
+    policy,
+    varied,
+    varied_option,
+)
 from coopsim.cli.arguments import (
     FAILED,
     INTERRUPTED,
@@ -60,7 +70,7 @@ def _run_report(options: argparse.Namespace) -> int:
     write_files(options.out, results, options)
     asked = Store(options.out).asked()
     if len(results) < asked and not options.all_grids:
-        print(f"{len(results)} of {asked} cells are in {options.out}; the command that began them goes on from there")
+        print(f"{len(results)} of {asked} runs are in {options.out}; the command that began them goes on from there")
     return 0
 
 
@@ -72,10 +82,12 @@ def write_files(folder: Path, results: Sequence[CellResult], options: argparse.N
     from coopsim.bench.store.store import Store
     from coopsim.bench.text.bench_text import leaderboard_text, to_rows
 
+    store = Store(folder)
     written = publish(
         folder,
         results,
-        Provenance.from_data(Store(folder).provenance()),
+        Provenance.from_data(store.provenance()),
+        circumstances=store.all_circumstances(),
         title=options.title,
         metrics=options.metrics,
         clips=options.clips,
@@ -100,7 +112,7 @@ REPORT = Command(
 
 _NO_NUMBER = {
     **dict.fromkeys(("--out", "--workers", "--engine", "--address", "--json"), 1),
-    **dict.fromkeys(("--retry-failed", "--retry-unfilmed"), 0),
+    **dict.fromkeys(("--retry-failed", "--retry-unfilmed", "--film-3d"), 0),
 }
 """Flags that change no number, with how many words follow them: the command is noted without them."""
 
@@ -108,14 +120,16 @@ _NO_NUMBER = {
 def _add_bench(parser: argparse.ArgumentParser) -> None:
     grid = parser.add_argument_group("grid", "flags replace values of the preset or file")
     add = grid.add_argument
-    presets = "quick, latency, pose, loss, bandwidth, paper, safety, lies, leaderboard, ...: see `list presets`"
+    presets = (
+        "quick, latency, pose, loss, bandwidth, paper, safety, driving, lies, leaderboard, ...: see `list presets`"
+    )
     add("--preset", metavar="NAME", help=presets)
     add("--grid", type=Path, metavar="FILE", help="YAML with these names, underscores for dashes")
     add("--trust", action="store_true", help="run code that FILE names as module:Class or file.py:Class")
     add("--policies", type=policies, metavar="A,B(x=1)", help="see `list`; all; or module:Class, or file.py:Class")
     add("--policy", type=policy, action="append", default=[], metavar="A", help="one more; may be given several times")
-    of = "names, or paths of scenario files"
-    worlds = add("--environments", type=names, dest="scenarios", metavar="A,B.yaml", help=of)
+    of = "names, also with options, or paths of scenario files"
+    worlds = add("--environments", type=environments, dest="scenarios", metavar="A,B.yaml", help=of)
     add_old_name(grid, "--scenarios", worlds)
     add("--latencies-ms", type=numbers, metavar="0,300", help="delays of every message (default: 0)")
     add("--losses", type=numbers, metavar="0,0.1", help="probabilities that a message is lost (default: 0)")
@@ -135,12 +149,13 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     how = parser.add_argument_group("run")
     add = how.add_argument
     add("--out", type=Path, default=Path("coopsim-bench"), metavar="FOLDER", help="default: %(default)s")
-    add_flags(how, "--workers", help="cells at once (default: as many as cores)")
+    add_flags(how, "--workers", help="runs at once (default: as many as cores)")
     add("--engine", default="local", help="local (processes of this machine) or ray (default: %(default)s)")
     add("--address", help="of a Ray cluster (default: RAY_ADDRESS, or this machine alone)")
     add_flags(how, "--isolate", "--salt-fd", "--dry-run")
-    add("--retry-failed", action="store_true", help="run failed cells again")
-    add("--retry-unfilmed", action="store_true", help="run cells again that lack a film for --clips")
+    add("--retry-failed", action="store_true", help="repeat runs that failed")
+    add("--retry-unfilmed", action="store_true", help="repeat runs that lack a film for --clips")
+    add("--film-3d", action="store_true", help="run the most telling pair again, to be seen in three dimensions")
     _add_outputs(parser.add_argument_group("report"))
 
 
@@ -173,9 +188,9 @@ def _bench(options: argparse.Namespace, grid: Grid) -> int:
     if options.json is not None:
         require_writable(options.json)
     if options.dry_run:
-        print(estimate_benchmark(grid, options.out, isolation).text("cells", engine.at_once))
+        print(estimate_benchmark(grid, options.out, isolation).text("runs", engine.at_once))
         return 0
-    with JobsBar("bench", "cells", list(grid.conditions()), engine.at_once) as bar:
+    with JobsBar("bench", "runs", list(grid.conditions()), engine.at_once) as bar:
         try:
             _require_metrics(grid, options.metrics, import_policies=options.isolate is None)
             results = benchmark(
@@ -185,20 +200,21 @@ def _bench(options: argparse.Namespace, grid: Grid) -> int:
                 retry_failed=options.retry_failed,
                 films=options.clips > 0,
                 retry_unfilmed=options.retry_unfilmed,
+                space=options.film_3d,
                 command=without_flags(options.typed, _NO_NUMBER),
                 isolation=isolation,
                 on_progress=bar.show,
                 on_broken=lambda error: bar.write(f"{error}; its cell is run again"),
             )
         except KeyboardInterrupt:
-            stored = f"{bar.finished} of {len(grid)} cells are stored in {options.out}"
+            stored = f"{bar.finished} of {len(grid)} runs are stored in {options.out}"
             bar.write(f"interrupted; {stored}, and the same command goes on from there")
             return INTERRUPTED
     write_files(options.out, results, options)
     failed = sum(result.failed for result in results) - bar.lost
     bar.tell_of_lost()
     if failed:
-        print(f"coopsim: {failed} of {len(grid)} cells failed; --retry-failed runs them again", file=sys.stderr)
+        print(f"coopsim: {failed} of {len(grid)} runs failed; --retry-failed repeats them", file=sys.stderr)
     return FAILED if failed or bar.lost else 0
 
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from coopsim.comms.envelope import decode_features as decode_features
     from coopsim.comms.envelope import decode_points as decode_points
     from coopsim.comms.envelope import decode_tracks as decode_tracks
+    from coopsim.comms.received_intents import ReceivedIntents as ReceivedIntents
     from coopsim.comms.received_lights import ReceivedLights as ReceivedLights
     from coopsim.comms.uplinks.once_per_frame import EncodeOnce as EncodeOnce
     from coopsim.comms.uplinks.share_detections import ShareDetections as ShareDetections
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "Codec": "coopsim.comms.codecs.codec",
     "ContentUplink": "coopsim.comms.uplinks.uplink",
+    "ReceivedIntents": "coopsim.comms.received_intents",
     "ReceivedLights": "coopsim.comms.received_lights",
     "EncodeOnce": "coopsim.comms.uplinks.once_per_frame",
     "ShareDetections": "coopsim.comms.uplinks.share_detections",

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from coopsim.comms.codecs.dsrc import decode_mapem, decode_spatem
+from coopsim.comms.codecs.maneuvers import DENM_ID, MCM_ID
 from coopsim.errors import CodecError
 from coopsim.geometry.se3 import Floats
 from coopsim.types import NS_PER_S, Observation
@@ -51,8 +52,10 @@ class ReceivedLights:
         self.rejected = 0
 
     def hear(self, observation: Observation) -> None:
-        """Take in the messages in an observation's `signals`."""
+        """Take in the messages in an observation's `signals`; those about the senders' own motion are passed over."""
         for payload in observation.signals:
+            if payload[1:2] in (bytes([MCM_ID]), bytes([DENM_ID])):
+                continue
             try:
                 for each in _decoded(payload):
                     if isinstance(each, IntersectionMap):

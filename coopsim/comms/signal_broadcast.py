@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import warnings
-import zlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from coopsim.comms.codecs.asn1 import station_id
 from coopsim.comms.codecs.dsrc import MAPEM, SPATEM, encode_mapem, encode_spatem
 from coopsim.errors import CodecError
 from coopsim.geometry.se3 import Floats
@@ -52,17 +52,14 @@ class SignalBroadcast:
         found: dict[str, list[Message]] = {}
         for unit, junction, geometry in self._said:
             payloads = []
-            if self._is_due(time_ns, SPATEM_NS):
-                payloads.append((encode_spatem(_station(unit), [junction.phases(time_ns)]), SPATEM))
-            if self._is_due(time_ns, MAPEM_NS):
+            if is_due(self._before_ns, time_ns, SPATEM_NS):
+                payloads.append((encode_spatem(station_id(unit), [junction.phases(time_ns)]), SPATEM))
+            if is_due(self._before_ns, time_ns, MAPEM_NS):
                 payloads.append((geometry, MAPEM))
             for each in payloads:
                 found.setdefault(unit, []).append(Message(unit, time_ns, poses[unit], *each))
         self._before_ns = time_ns
         return found
-
-    def _is_due(self, now_ns: int, period_ns: int) -> bool:
-        return self._before_ns is None or now_ns // period_ns > self._before_ns // period_ns
 
     def _assigned(self, positions: Mapping[str, Floats]) -> list[tuple[str, LitJunction, bytes]]:
         """Return units, each with a junction and its MAPEM. Warn of junctions that do not fit into messages."""
@@ -73,14 +70,14 @@ class SignalBroadcast:
             if unit is None or away_m[unit] > BESIDE_M:
                 continue
             try:
-                encode_spatem(_station(unit), [junction.phases(0)])
-                assigned.append((unit, junction, encode_mapem(_station(unit), [junction.map])))
+                encode_spatem(station_id(unit), [junction.phases(0)])
+                assigned.append((unit, junction, encode_mapem(station_id(unit), [junction.map])))
             except CodecError as error:
                 what = f"junction {junction.map.intersection} is not broadcast by {unit}: {error}"
                 warnings.warn(what, stacklevel=2)
         return assigned
 
 
-def _station(unit: str) -> int:
-    """Return the id of a station: the CRC-32 of the agent's name, as in a Collective Perception Message."""
-    return zlib.crc32(unit.encode())
+def is_due(before_ns: int | None, now_ns: int, period_ns: int) -> bool:
+    """Return whether a message is due that is sent once in a period; `before_ns` is the last call or None."""
+    return before_ns is None or now_ns // period_ns > before_ns // period_ns

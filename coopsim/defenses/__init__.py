@@ -4,7 +4,7 @@ In: a `Reception`, which holds the receiver's own observation and the messages a
 and the guard that asks the defences for a policy, are in `coopsim.interfaces`. Importing this package registers all.
 """
 
-from coopsim.defenses import consistency, made, mate, oracle, plausibility, robosac
+from coopsim.defenses import consistency, made, mate, oracle, plausibility, robosac, witness
 from coopsim.interfaces.defense import DEFENSES, LEAST_TRUST, Claim, Defense, Reception, Trust, make_defense
 from coopsim.support.moved import moved
 
@@ -22,6 +22,7 @@ __all__ = [
     "oracle",
     "plausibility",
     "robosac",
+    "witness",
 ]
 
 moved(f"{__name__}.defense", "coopsim.interfaces.defense")

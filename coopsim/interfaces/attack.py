@@ -14,9 +14,11 @@ from coopsim.config.spec import instantiate, parse_spec
 from coopsim.errors import CodecError, InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3, Floats, wrap_angle
+from coopsim.interfaces.planner import PlannerOption
 from coopsim.support.registry import Registry
 from coopsim.support.user_code import class_at
 from coopsim.types import NS_PER_S, AgentSpec, Detections, Ints, Message, Observation, Sweep
+from coopsim.types.driving import Route
 from coopsim.types.track_estimates import TrackEstimates
 
 KNOWLEDGE = ("none", "poses", "boxes", "weights")
@@ -39,6 +41,22 @@ class Victim:
     velocity: Floats
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenFacts:
+    """Facts that anybody can look up or buy, and an attacker, too. Nobody's place or plan is among them.
+
+    Attributes:
+        driven: cars that a planner or an action drives, in the environment's order.
+        planner: the planner of these cars, of which an attacker may make copies; the built-in one if none drives.
+        way_ahead: function from a car's place in the world to the way that a map has ahead of it, in the car's base
+            frame: straight on wherever there is a choice. None: no lane is there, or there is no map.
+    """
+
+    driven: Sequence[str] = ()
+    planner: PlannerOption = "idm_aeb"
+    way_ahead: Callable[[SE3], Route | None] = lambda world_SE3_base: None
+
+
 @dataclass(slots=True, eq=False)
 class AttackerView:
     """Everything that one attack knows in one frame, and the notes of its lies.
@@ -51,7 +69,7 @@ class AttackerView:
             knowledge "none", and without payloads with "poses".
         kinds: kind of every agent, "cav", "rsu" or "drone", which all know.
         network: the policy whose weights the attack knows; None unless its knowledge is "weights".
-        driven: cars that a planner or an action drives, in the environment's order.
+        facts: facts that anybody can look up.
     """
 
     spec: AgentSpec
@@ -64,7 +82,7 @@ class AttackerView:
     denials: list[Boxes3D] = field(default_factory=list)
     senders: set[str] = field(default_factory=set)
     against: str | None = None
-    driven: Sequence[str] = ()
+    facts: OpenFacts = field(default_factory=OpenFacts)
 
     @property
     def time_s(self) -> float:
@@ -84,7 +102,7 @@ class AttackerView:
         heard.
         """
         if name is None:
-            name = next((each for each in self.driven if each != self.spec.name), None)
+            name = next((each for each in self.facts.driven if each != self.spec.name), None)
         if name is None:
             name = min(sorted(self.heard), key=self._strangeness, default=None)
         if name not in self.heard:

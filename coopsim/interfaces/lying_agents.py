@@ -17,6 +17,7 @@ from coopsim.interfaces.attack import (
     KNOWLEDGE,
     Attack,
     AttackerView,
+    OpenFacts,
     contents_of,
     hooks_of,
     make_attack,
@@ -39,7 +40,7 @@ class LyingAgents:
         specs: specs of all agents.
         seed: the episode's seed.
         network: the policy whose weights attacks with the knowledge "weights" know; None: there is none.
-        driven: names of the cars that a planner or an action drives.
+        facts: facts that attackers can look up.
 
     Raises:
         UnknownNameError: there is no such agent.
@@ -51,14 +52,14 @@ class LyingAgents:
         specs: Mapping[str, AgentSpec],
         seed: int,
         network: object = None,
-        driven: Sequence[str] = (),
+        facts: OpenFacts | None = None,
     ) -> None:
         self._agents: dict[str, _Liar] = {}
         kinds = {name: spec.kind for name, spec in specs.items()}
         for name, attacks in attacks_by_agent(option).items():
             require_choice("agent in attacks", name, specs)
             made = [make_attack(each) for each in attacks]
-            self._agents[name] = _Liar(specs[name], made, seed, kinds, network, driven)
+            self._agents[name] = _Liar(specs[name], made, seed, kinds, network, facts or OpenFacts())
         for name, liar in self._agents.items():
             for attack in liar.attacks:
                 if attack.against is not None:
@@ -126,7 +127,7 @@ class LyingUplink(ContentUplink[Any]):
 
     def __init__(self, honest: ContentUplink[Any], corrupt: Callable[[str, Any, str], Any]) -> None:
         self.content = honest.content  # type: ignore[misc]  # of the class elsewhere
-        self.codec, self.codec_name = honest.codec, honest.codec_name
+        self.codec, self.codec_name, self.beside = honest.codec, honest.codec_name, honest.beside
         self._honest, self._corrupt = honest, corrupt
 
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
@@ -166,10 +167,10 @@ class _Liar:
         seed: int,
         kinds: Mapping[str, str],
         network: object,
-        driven: Sequence[str],
+        facts: OpenFacts,
     ) -> None:
         self.attacks = attacks
-        self._spec, self._kinds, self.network, self._driven = spec, kinds, network, driven
+        self._spec, self._kinds, self.network, self._facts = spec, kinds, network, facts
         self._rngs = [stream(seed, "attack", spec.name, str(number)) for number in range(len(attacks))]
         self._heard: dict[str, tuple[Message, ...]] = {}
         self._acting: list[tuple[Attack, AttackerView]] = []
@@ -181,7 +182,7 @@ class _Liar:
             return
         for attack, rng in zip(self.attacks, self._rngs, strict=True):
             known = self._known(attack)
-            view = AttackerView(self._spec, observation, rng, known, self._kinds, driven=self._driven)
+            view = AttackerView(self._spec, observation, rng, known, self._kinds, facts=self._facts)
             if attack.knowledge == KNOWLEDGE[-1]:
                 view.network = self.network
             if attack.active(view.time_s):

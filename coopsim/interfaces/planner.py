@@ -17,6 +17,7 @@ from coopsim.support.registry import Registry
 from coopsim.support.user_code import class_at
 from coopsim.types import Tracks
 from coopsim.types.driving import Route
+from coopsim.types.intents import Intents
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,6 +58,7 @@ class PlannedCar:
         traffic_side: side of the road that vehicles keep to, "right" or "left".
         steering_rad: angle of the front wheels, of a car that the planner steers.
         wheelbase_m: distance between the axles, of which the middle is the car's, of a car that the planner steers.
+        intents: ways that other road users have told, with `uplink="intents"`; `intents.at(times_s)` has their places.
         occlusions: walls, eyes and entries around it, for a planner that is `occlusion_aware`.
     """
 
@@ -73,6 +75,7 @@ class PlannedCar:
     traffic_side: str = "right"
     steering_rad: float = 0.0
     wheelbase_m: float = 0.0
+    intents: Intents = field(default_factory=Intents.empty)
     occlusions: Occlusions | None = None
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.metrics.drive_log import Drive
+from coopsim.metrics.drive_rules import Rules, find_rules
 from coopsim.metrics.encounters import clearances, is_on, least_delay, least_time
 from coopsim.metrics.matching import NEAR_M
 from coopsim.types import Ints
@@ -134,6 +135,7 @@ class DriveEvents:
         legal_m: distance at the legal speed in the same time.
         lost_s: time lost by driving below the legal speed.
         discomfort: share of frames with an acceleration that is not comfortable.
+        rules: rules of the road that it kept and broke.
     """
 
     crash: Crash | None
@@ -146,6 +148,7 @@ class DriveEvents:
     legal_m: float
     lost_s: float
     discomfort: float
+    rules: Rules
 
 
 def find_events(drive: Drive) -> DriveEvents:
@@ -162,6 +165,7 @@ def find_events(drive: Drive) -> DriveEvents:
         tuple(drive.time_s[needless].tolist()),
         *course.progress(),
         course.discomfort(),
+        find_rules(drive, course.end),
     )
 
 

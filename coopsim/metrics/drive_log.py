@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +13,7 @@ from coopsim.episode import Episode, Recorder
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
+from coopsim.metrics.drive_rules import DrivableArea, RuleState, state_of
 from coopsim.support.arrays import freeze
 from coopsim.types import NS_PER_S, GroundTruth, Ints, Mask, Tracks, stack_xyz_yaw
 from coopsim.types.driving import CarState
@@ -33,6 +34,7 @@ class DriveFrame:
         tracks: tracks that were reported for the frame, in the car's base frame.
         command_m_s2: acceleration that the planner or the agent asked for; NaN for none.
         conflict_ids: ids of the objects that the situation's script sends into the car's way.
+        left: whether its middle is on no road, and whether it has left the drivable area.
     """
 
     time_ns: int
@@ -42,6 +44,7 @@ class DriveFrame:
     tracks: Tracks
     command_m_s2: float = math.nan
     conflict_ids: tuple[int, ...] = ()
+    left: tuple[bool, bool] = (False, False)
 
     def __post_init__(self) -> None:
         freeze(self, pose=((3,), np.float64))
@@ -95,27 +98,30 @@ class DriveRecorder(Recorder):
     def begin(self, episode: Episode) -> None:
         self._logs = {name: DriveLog() for name, agent in episode.frame.agents.items() if agent.car is not None}
         self._driven: dict[str, DriveFrame] = {}
+        cars = [episode.frame.agents[name].car for name in self._logs]
+        steered = any(car is not None and car.wheelbase_m > 0 for car in cars)
+        self._area = DrivableArea(episode.env.road_map) if steered else None
 
     def on_report(self, episode: Episode) -> None:
-        self._driven = {name: _driven(episode, name, episode.tracks[name]) for name in self._logs}
+        self._driven = {name: self._frame(episode, name, episode.tracks[name]) for name in self._logs}
 
     def on_step(self, episode: Episode) -> None:
         frame = episode.frame
         for name, log in self._logs.items():
             log.append(replace(self._driven[name], command_m_s2=frame.agents[name].command_m_s2))
             if frame.last:
-                log.append(_driven(episode, name, Tracks.empty()))
+                log.append(self._frame(episode, name, Tracks.empty()))
 
     def records(self) -> dict[str, DriveLog]:
         return {name: log for name, log in self._logs.items() if len(log)}
 
-
-def _driven(episode: Episode, name: str, tracks: Tracks) -> DriveFrame:
-    """Return a driven car in the newest frame, with tracks in its base frame."""
-    agent = episode.frame.agents[name]
-    assert agent.car is not None
-    pose, conflicts = stack_xyz_yaw(agent.body.world_SE3_base)[[0, 1, 3]], episode.facts.get("conflicts", ())
-    return DriveFrame(episode.frame.time_ns, pose, agent.car, agent.truth, tracks, conflict_ids=conflicts)
+    def _frame(self, episode: Episode, name: str, tracks: Tracks) -> DriveFrame:
+        """Return a driven car in the newest frame, with tracks in its base frame."""
+        agent, conflicts = episode.frame.agents[name], episode.facts.get("conflicts", ())
+        car, pose = agent.car, stack_xyz_yaw(agent.body.world_SE3_base)[[0, 1, 3]]
+        assert car is not None
+        left = (False, False) if self._area is None else self._area.left(pose, car.length_m, car.width_m)
+        return DriveFrame(episode.frame.time_ns, pose, car, agent.truth, tracks, conflict_ids=conflicts, left=left)
 
 
 class WayAhead(NamedTuple):
@@ -165,6 +171,7 @@ class Drive:
         tracks: reported tracks of each frame.
         ways: way ahead in each frame.
         hit_by_log: see `CarState`.
+        rules: (F, 7) what each frame says of the rules of the road, see `RuleState`; empty: unknown.
     """
 
     time_s: Floats
@@ -182,6 +189,7 @@ class Drive:
     tracks: tuple[ReportedTracks, ...]
     ways: tuple[WayAhead, ...]
     hit_by_log: bool = False
+    rules: Floats = field(default_factory=lambda: np.zeros((0, len(RuleState._fields))))
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -207,6 +215,7 @@ class _Packed(NamedTuple):
     track_label: NDArray[np.int8]
     tracks: _Small  # (M, 5)
     conflict_ids: tuple[int, ...]
+    rules: RuleState
 
     @classmethod
     def of(cls, frame: DriveFrame) -> _Packed:
@@ -233,6 +242,7 @@ class _Packed(NamedTuple):
             tracks.label.astype(np.int8),
             reported,
             frame.conflict_ids,
+            state_of(car, *frame.left, scripted=bool(frame.conflict_ids)),
         )
 
 
@@ -270,6 +280,7 @@ def _unpacked(frames: list[_Packed], size_m: tuple[float, float]) -> Drive:
         tuple(_tracks(frame) for frame in frames),
         tuple(_way(frame) for frame in frames),
         bool(state[-1, 4]),
+        np.array([frame.rules for frame in frames], dtype=np.float64),
     )
 
 

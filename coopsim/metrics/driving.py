@@ -14,9 +14,22 @@ from coopsim.metrics.drive_events import LONGEST_S, PERSON, RIDER, VEHICLE, Driv
 from coopsim.metrics.log_pool import LogPool
 from coopsim.metrics.metric import Metric, PoolMetric, mean_of_known
 
-PENALTIES: Mapping[str, float] = {PERSON: 0.5, RIDER: 0.6, VEHICLE: 0.6, "": 0.6}
-"""Factors of the driving score by who was hit: those of the CARLA leaderboard (1.0 and 2.0), which V2Xverse takes over.
-CARLA counts riders as vehicles."""
+PENALTIES: Mapping[str, float] = {PERSON: 0.5, RIDER: 0.6, VEHICLE: 0.6, "": 0.65}
+"""Factors of the driving score by who was hit, "" is a wall: those of the CARLA leaderboard (1.0 and 2.0), which
+Bench2Drive, V2Xverse and MDrive take over. CARLA counts riders as vehicles."""
+
+RED_LIGHT = 0.7
+"""Factor of the driving score for each red light that is run; the same source."""
+
+TTC_S = 0.95
+"""Time to collision from which on there is no danger: nuPlan's `time_to_collision_within_bound`."""
+
+AGAINST_M = (2.0, 6.0)
+"""Metres against the traffic in a second up to which driving direction is kept, and from which on it is broken: those
+of nuPlan's `driving_direction_compliance`."""
+
+WEIGHTS = (5.0, 5.0, 2.0)
+"""Weights of progress, time to collision and comfort in EPDMS, as in NAVSIM's scores of both versions."""
 
 
 _RECORDER = "drives"
@@ -43,8 +56,8 @@ def _metric(
     return PoolMetric(mean, meaning, unit, form, less, whole_only=True, yes_no=yes_no, recorders=(_RECORDER,))
 
 
-def _rate(of: Callable[[DriveEvents], bool], meaning: str) -> Metric:
-    return _metric(lambda events: 100.0 * of(events), meaning, yes_no=True)
+def _rate(of: Callable[[DriveEvents], bool], meaning: str, less: bool = True) -> Metric:
+    return _metric(lambda events: 100.0 * of(events), meaning, less=less, yes_no=True)
 
 
 def _seconds(of: Callable[[DriveEvents], float], meaning: str, less: bool = False) -> Metric:
@@ -64,10 +77,57 @@ def _progress(events: DriveEvents) -> float:
     return 100 * events.way_m / events.legal_m if events.legal_m > 0 else math.nan
 
 
+def _completion(events: DriveEvents) -> float:
+    """Return the share of the way to the goal in per cent; without a goal the progress, at most 100."""
+    known = 100 * events.rules.completion
+    return min(_progress(events), 100.0) if math.isnan(known) else known
+
+
 def _driving_score(events: DriveEvents) -> float:
-    """Return the progress, at most 100, times the penalty of a crash; a car that stood is not punished."""
+    """Return the completion on the road, times penalties of a crash and of red lights; a car that stood has none."""
+    crash, rules = events.crash, events.rules
+    hit = PENALTIES[crash.party] if crash is not None and crash.moved else 1.0
+    return _completion(events) * (1 - rules.off_road) * hit * RED_LIGHT**rules.red_lights
+
+
+def _success(events: DriveEvents) -> float:
+    """Return 100 for a goal that is reached without an infraction, else 0; NaN without a goal."""
+    rules = events.rules
+    if math.isnan(rules.completion):
+        return math.nan
+    return 100.0 * (rules.arrived and events.crash is None and not rules.red_lights and rules.off_road == 0)
+
+
+def _no_fault(events: DriveEvents) -> float:
+    """Return 100 without a crash by its own fault, 50 for one with a wall, else 0."""
     crash = events.crash
-    return min(_progress(events), 100.0) * (PENALTIES[crash.party] if crash is not None and crash.moved else 1.0)
+    return 100.0 if crash is None or not crash.at_fault else 50.0 * (crash.label < 0)
+
+
+def _direction(events: DriveEvents) -> float:
+    most, broken = AGAINST_M
+    return 100.0 if events.rules.against_m <= most else 50.0 * (events.rules.against_m <= broken)
+
+
+def _in_time(events: DriveEvents) -> float:
+    return 100.0 * (events.min_ttc_s >= TTC_S)
+
+
+def _comfort(events: DriveEvents) -> float:
+    return 100 * (1 - events.discomfort)
+
+
+def _epdms(events: DriveEvents) -> float:
+    """Return the product of what multiplies and the weighted mean of the rest, per cent."""
+    factors = (_no_fault(events), _direction(events), *(100.0 * kept for kept in _kept(events)))
+    parts = (_completion(events), _in_time(events), _comfort(events))
+    mean = sum(weight * part for weight, part in zip(WEIGHTS, parts, strict=True)) / sum(WEIGHTS)
+    return math.prod(each / 100 for each in factors) * mean
+
+
+def _kept(events: DriveEvents) -> tuple[bool, bool]:
+    """Return whether the car stayed in the drivable area, and whether it ran no red light."""
+    return not events.rules.off_area, not events.rules.red_lights
 
 
 DRIVING: Mapping[str, Metric] = {
@@ -105,7 +165,29 @@ DRIVING: Mapping[str, Metric] = {
     "discomfort": _metric(
         lambda events: 100 * events.discomfort, "share of time with accelerations outside of nuPlan's bounds of comfort"
     ),
-    "driving_score": _metric(_driving_score, "progress times CARLA's penalties for crashes", less=False),
+    "driving_score": _metric(
+        _driving_score, "way to the goal, or progress, times CARLA's penalties for crashes and red lights", less=False
+    ),
+    "route_completion": _metric(
+        lambda events: 100 * events.rules.completion, "share of the way to the goal that was driven", less=False
+    ),
+    "success": _metric(
+        _success, "drives that reach their goal without crash, red light and leaving the road", less=False, yes_no=True
+    ),
+    "red_lights": _metric(lambda events: events.rules.red_lights, "red lights that the driven car ran", "", ".2f"),
+    "no_fault": _metric(_no_fault, "EPDMS: no crash by its own fault; 50 for one with a wall", less=False),
+    "in_drivable_area": _rate(lambda events: _kept(events)[0], "EPDMS: drives within the drivable area", less=False),
+    "right_direction": _metric(_direction, "EPDMS: driving direction is kept", less=False),
+    "lights_obeyed": _rate(lambda events: _kept(events)[1], "EPDMS: drives without a red light run", less=False),
+    "ttc_in_bound": _rate(
+        lambda events: events.min_ttc_s >= TTC_S,
+        f"EPDMS: drives whose time to collision stays above {TTC_S:g} s",
+        False,
+    ),
+    "comfort": _metric(_comfort, "EPDMS: share of time with comfortable accelerations", less=False),
+    "epdms": _metric(
+        _epdms, "product of EPDMS's multipliers with the mean of its progress, time and comfort", less=False
+    ),
 }
 """The metrics of driving by name, in the order of tables."""
 

@@ -24,8 +24,8 @@ def clearance(a: Floats, b: Floats) -> float:
     dx, dy = b[0] - a[0], b[1] - a[1]
     if not math.isfinite(dx + dy):
         return math.nan
-    for body in (a, b):
-        cos, sin = math.cos(body[4]), math.sin(body[4])
+    for heading in (a[4], b[4]):  # numbers: bodies may lie in memory in two ways, of which no tuple can be gone through
+        cos, sin = math.cos(heading), math.sin(heading)
         for x, y in ((cos, sin), (-sin, cos)):
             apart = abs(dx * x + dy * y) - _half_extent(a, x, y) - _half_extent(b, x, y)
             widest = max(widest, apart)

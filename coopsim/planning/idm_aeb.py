@@ -10,7 +10,9 @@ It is plain on purpose, so that differences between runs are differences of perc
    2010), as the model alone brakes hard wherever a gap is small, also behind a leader that is as fast.
 3. A track that is predicted to come onto the route when the car would be there is a leader, too, as fast as it moves
    along the route: the car yields, unless the right of way or a clear lead is its own and the other can stop with ease.
-4. Where the car's body would touch a predicted one within `braking_ttc_s`, it brakes as hard as it can, after
+4. Where a road user has told its way (`uplink="intents"`), that takes the place of the prediction. Who has warned of a
+   hard brake needs no second alarm.
+5. Where the car's body would touch a predicted one within `braking_ttc_s`, it brakes as hard as it can, after
    `braking_delay_s`.
 """
 
@@ -24,6 +26,7 @@ import numpy as np
 
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.interfaces.planner import PLANNERS, PlannedCar, Planner
+from coopsim.planning.told_ways import ToldWays, with_intents
 from coopsim.support.checks import require_positive
 from coopsim.types import NS_PER_S, Ints, Mask, Tracks
 from coopsim.types.driving import HAS_PRIORITY, LARGEST_BRAKING_M_S2, NOBODY_FIRST, OUTER_SIDES
@@ -101,13 +104,26 @@ class IdmAeb(Planner):
         require_positive(**{name: getattr(self, name) for name in (*names, "braking_ttc_s", "braking_delay_s")})
 
     def plan(self, car: PlannedCar) -> float:
-        way = self._way(car, *self._learn(car))
+        car, known = self._perceive(car)
+        way = self._way(car, known)
         return -LARGEST_BRAKING_M_S2 if self._must_brake(car, way) else self._along(car, way)
 
-    def _way(self, car: PlannedCar, turn_rates: Floats, belief: Floats) -> Occupied:
-        """Return what tracks will occupy of the route, from what `_learn` returned."""
-        near = _near(car, self.horizon_s, self.margin_m)
-        return _occupied(car, car.tracks[near], turn_rates[near], belief[near], self.horizon_s, self.margin_m)
+    def _perceive(self, car: PlannedCar) -> tuple[PlannedCar, Known]:
+        """Return a car whose tracks have those that told their ways, and what is known of them."""
+        times, told = np.linspace(0.0, self.horizon_s, round(self.horizon_s / _STEP_S) + 1), None
+        if len(car.intents):
+            car, told = with_intents(car, times)
+        turn_rates, belief = self._learn(car)
+        return car, Known(times, turn_rates, belief if told is None else np.where(told.known, 1.0, belief), told)
+
+    def _way(self, car: PlannedCar, known: Known) -> Occupied:
+        """Return what tracks will occupy of the route, from what `_perceive` returned."""
+        near, told = _near(car, self.horizon_s, self.margin_m), known.told
+        if told is not None:
+            near = near | told.known
+        only = None if told is None else told.only(near)
+        turn_rates, belief = known.turn_rates[near], known.belief[near]
+        return _occupied(car, car.tracks[near], turn_rates, belief, known.times, self.margin_m, only)
 
     def _along(self, car: PlannedCar, way: Occupied) -> float:
         """Return the acceleration along the route without an emergency, m/s²."""
@@ -231,7 +247,8 @@ class IdmAeb(Planner):
         if not soon:
             self._alarm_ns = None
         elif quiet:
-            self._alarm_ns = car.time_ns
+            warned = (touches[way.times <= self.braking_ttc_s] & way.warned).any()
+            self._alarm_ns = car.time_ns - round(self.braking_delay_s * NS_PER_S) * int(warned)
         return self._alarm_ns is not None and car.time_ns + car.dt_s * NS_PER_S / 2 >= self._alarm_ns + (
             self.braking_delay_s * NS_PER_S
         )
@@ -252,6 +269,15 @@ class IdmAeb(Planner):
         rates = np.array([each.turn_rate for each in self._known.values()])
         age_s = (car.time_ns - np.array([each.since_ns for each in self._known.values()])) / NS_PER_S
         return rates, np.minimum((age_s + car.dt_s) / _BELIEF_S, 1.0)
+
+
+class Known(NamedTuple):
+    """Knowledge of N tracks: the times (T,) s of prediction, turn rates (N,) rad/s, belief (N,), and told ways."""
+
+    times: Floats
+    turn_rates: Floats
+    belief: Floats
+    told: ToldWays | None
 
 
 class _Known(NamedTuple):
@@ -293,6 +319,7 @@ class Occupied:
         speed_along: (N,) m/s along the route now.
         goes_along: (N,) whether it stands, or moves more along the route than across it now.
         on_foot: (N,) whether it is a person.
+        warned: (N,) whether it has warned of a hard brake.
     """
 
     times: Floats
@@ -305,6 +332,7 @@ class Occupied:
     speed_along: Floats
     goes_along: Mask
     on_foot: Mask
+    warned: Mask
 
 
 def _near(car: PlannedCar, horizon_s: float, margin_m: float) -> Mask:
@@ -318,12 +346,20 @@ def _near(car: PlannedCar, horizon_s: float, margin_m: float) -> Mask:
 
 
 def _occupied(
-    car: PlannedCar, tracks: Tracks, turn_rate: Floats, belief: Floats, horizon_s: float, margin_m: float
+    car: PlannedCar,
+    tracks: Tracks,
+    turn_rate: Floats,
+    belief: Floats,
+    times: Floats,
+    margin_m: float,
+    told: ToldWays | None,
 ) -> Occupied:
-    """Predict tracks with constant speed and turn rate, and place them on the route."""
-    times = np.linspace(0.0, horizon_s, round(horizon_s / _STEP_S) + 1)
+    """Predict tracks with constant speed and turn rate, or as they have told, and place them on the route."""
     velocity, forward = _weighted_velocity(car, tracks, belief)
     centers, yaw = _predicted(tracks, velocity, turn_rate, times)
+    if told is not None:
+        centers = np.where(told.known[:, None], told.places[..., :2], centers)
+        yaw = np.where(told.known, told.places[..., 2], yaw)
     along, aside, nearest = car.route.place(centers.reshape(-1, 2))
     tangent, shape = car.route.tangents[nearest], yaw.shape
     cos, sin = np.cos(yaw), np.sin(yaw)
@@ -346,6 +382,7 @@ def _occupied(
         forward,
         (speed < STANDS_M_S) | follows,
         np.isin(tracks.label, ON_FOOT),
+        np.zeros(len(tracks), np.bool_) if told is None else told.warned,
     )
 
 

@@ -10,10 +10,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from coopsim.geometry.se3 import Floats
 from coopsim.interfaces.planner import PLANNERS, PlannedCar
 from coopsim.planning.evasion import EVADES_M_S2, bounds_m, shift_without_touch
-from coopsim.planning.idm_aeb import STANDS_M_S, IdmAeb
+from coopsim.planning.idm_aeb import STANDS_M_S, IdmAeb, Known
 from coopsim.planning.lane_choice import Lanes, gain_of_change, room_m
 from coopsim.planning.pursuit import beside, steering_angle
 from coopsim.support.checks import require_flag, require_positive
@@ -62,7 +61,7 @@ class RouteFollower(IdmAeb):
         require_flag(changes_lanes=self.changes_lanes, evades=self.evades)
 
     def plan(self, car: PlannedCar) -> tuple[float, float]:  # type: ignore[override]  # it steers, too
-        learned = self._learn(car)
+        car, learned = self._perceive(car)
         if self.changes_lanes:
             self._choose_lane(car, learned)
             car = self._within_lane(car)
@@ -71,13 +70,13 @@ class RouteFollower(IdmAeb):
         step_m = self.aside_m_s * car.dt_s
         self._aside_m += min(max(there_m - self._aside_m, -step_m), step_m)
         path = beside(car, self._aside_m)
-        way = self._way(path, *learned)
+        way = self._way(path, learned)
         if self._must_brake(path, way):
             return self._escape(car, learned)
         acceleration = self._along(path, way)
         if self._aside_m != there_m:  # both lanes count while it changes
             target = beside(car, there_m)
-            acceleration = min(acceleration, self._along(target, self._way(target, *learned)))
+            acceleration = min(acceleration, self._along(target, self._way(target, learned)))
         return acceleration, steering_angle(path, self.look_s, self.look_m)
 
     def _within_lane(self, car: PlannedCar) -> PlannedCar:
@@ -89,7 +88,7 @@ class RouteFollower(IdmAeb):
         limits[np.arange(len(limits)) * car.route.spacing_m >= ends_m] = 0.0
         return replace(car, route=replace(car.route, speed_limit_m_s=limits))
 
-    def _choose_lane(self, car: PlannedCar, learned: tuple[Floats, Floats]) -> None:
+    def _choose_lane(self, car: PlannedCar, learned: Known) -> None:
         """Choose the lane beside if that gains enough (MOBIL), or must be for the route."""
         settled = abs(self._aside_m - self._lane * _width_m(car)) < self.aside_m_s * car.dt_s
         waited_s = (car.time_ns - self._changed_ns) / NS_PER_S
@@ -97,15 +96,15 @@ class RouteFollower(IdmAeb):
         if not settled or waited_s < 1.0 or not lanes.reachable:
             return
         here = beside(car, self._lane * _width_m(car))
-        own = here, self._way(here, *learned)
+        own = here, self._way(here, learned)
         for lane in lanes.reachable:
             there = beside(car, lane * _width_m(car))
-            gain = gain_of_change(self, own, (there, self._way(there, *learned)))
+            gain = gain_of_change(self, own, (there, self._way(there, learned)))
             if gain > lanes.threshold_m_s2(lane):
                 self._lane, self._changed_ns = lane, car.time_ns
                 return
 
-    def _around_m(self, car: PlannedCar, learned: tuple[Floats, Floats], lane_m: float) -> float:
+    def _around_m(self, car: PlannedCar, learned: Known, lane_m: float) -> float:
         """Return how far beside the middle of its lane a car passes what stands partly in its way, m.
 
         Cars that met on a junction, where nobody has the right of way, would wait for each other for ever.
@@ -122,17 +121,17 @@ class RouteFollower(IdmAeb):
             self._shift_m = 0.0
         return self._shift_m
 
-    def _blocked(self, car: PlannedCar, learned: tuple[Floats, Floats], aside_m: float) -> bool:
+    def _blocked(self, car: PlannedCar, learned: Known, aside_m: float) -> bool:
         """Return whether something stands on the next metres of a line beside the route."""
-        way = self._way(beside(car, aside_m), *learned)
+        way = self._way(beside(car, aside_m), learned)
         near = (way.front[0] > -car.length_m / 2) & (way.rear[0] < _CLEAR_M)
         return bool((way.inside[0] & near & (way.speed < STANDS_M_S)).any())
 
-    def _escape(self, car: PlannedCar, learned: tuple[Floats, Floats]) -> tuple[float, float]:
+    def _escape(self, car: PlannedCar, learned: Known) -> tuple[float, float]:
         """Return full braking, or a little less with a line beside if braking alone would hit something."""
         shift_m, at_m = 0.0, float(car.route.place(np.zeros((1, 2)))[1][0])
         if self.evades:
-            shift_m = shift_without_touch(car, at_m, lambda aside_m: self._way(beside(car, aside_m), *learned))
+            shift_m = shift_without_touch(car, at_m, lambda aside_m: self._way(beside(car, aside_m), learned))
         if shift_m:
             self._aside_m, self._evaded_ns = at_m + shift_m, car.time_ns
             self._shift_m = self._aside_m - self._lane * _width_m(car)

@@ -89,8 +89,9 @@ class Observation:
             are no points, images or detections.
         truth: the true objects, in `track` of a policy with `Needs(truth=True)`; None everywhere else.
         attackers: names of the senders that lie, in `track` of such a policy; None everywhere else.
-        signals: SPATEM and MAPEM that arrived since the last observation, oldest capture first; none without the option
-            `signal_messages`. `coopsim.comms.ReceivedLights` reads them.
+        signals: ETSI's messages that arrived beside the inbox since the last observation, oldest capture first: SPATEM
+            and MAPEM with the option `signal_messages`, MCM and DENM with `uplink="intents"`.
+            `coopsim.comms.ReceivedLights` and `ReceivedIntents` read them.
     """
 
     time_ns: int

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
@@ -17,13 +18,15 @@ from coopsim.types import NS_PER_S, Tracks
 from coopsim.types.lies import Lie
 from coopsim.viz import palette
 from coopsim.viz.false_tracks import is_false
-from coopsim.world.places.signals import stop_bars
+from coopsim.viz.from_above import FromAbove, on_halo
+from coopsim.viz.from_above import outlines as outlines
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap
 
 SPAN_M = 160.0
 """Width of the world that the image shows."""
 
 SCALE_BAR_M = 20.0
+_FONT_PX = 13
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,13 +55,8 @@ def footprints(boxes: Boxes3D) -> Floats:
     return np.column_stack([boxes.center[:, :2], boxes.size[:, :2], boxes.yaw])
 
 
-def outlines(boxes: Boxes3D) -> Floats:
-    """Return footprints (N, 4, 2) m, counter-clockwise from front-left."""
-    return boxes.corners[:, :4, :2]
-
-
 class BevRenderer:
-    """Renderer of frames over a map, for people: the truth grey, agents yellow, the ego filled, and its tracks green.
+    """Renderer of frames over a map, for people: truth grey, the ego orange, other agents blue, the ego's tracks green.
 
     A track where nothing is, is false: thin, grey and crossed out. North (y) is up. The view is centred on the agents
     in steps of 20 m, so that it does not move in every frame. The lower left corner is free for words of others.
@@ -78,11 +76,8 @@ class BevRenderer:
 
         self._pygame, self._map, self._all_tracks = pygame, road_map, all_tracks
         self._size = (width_px, height_px)
-        self._surface = pygame.Surface(self._size)
         self._window: Any = None
-        pygame.font.init()
-        self._font = pygame.font.Font(None, 20)
-        self._ground: tuple[tuple[float, float], Any] | None = None
+        self._ground: tuple[tuple[float, float], FromAbove] | None = None
 
     def show_map(self, road_map: RoadMap) -> None:
         """Draw over another map from now on; the window stays."""
@@ -99,9 +94,7 @@ class BevRenderer:
 
     def draw(self, frame: BevFrame) -> NDArray[np.uint8]:
         """Return the image, (H, W, 3) uint8; needs no display."""
-        self._paint(frame)
-        pixels: NDArray[np.uint8] = self._pygame.surfarray.array3d(self._surface)
-        return np.ascontiguousarray(pixels.transpose(1, 0, 2))
+        return np.array(self._paint(frame))
 
     def show(self, frame: BevFrame) -> None:
         """Show the image in a window, which opens at the first call.
@@ -112,8 +105,8 @@ class BevRenderer:
         if self._window is None:
             self._window = self._open()
         self._pygame.event.pump()  # a window that handles no events counts as hanging
-        self._paint(frame)
-        self._window.get_surface().blit(self._surface, (0, 0))
+        picture = self._pygame.image.frombytes(self._paint(frame).tobytes(), self._size, "RGB")
+        self._window.get_surface().blit(picture, (0, 0))
         self._window.flip()
 
     def close(self) -> None:
@@ -132,58 +125,54 @@ class BevRenderer:
                 f'render_mode "human" cannot open a window here ({error}); "rgb_array" needs no screen'
             ) from None
 
-    def _paint(self, frame: BevFrame) -> None:
-        centre = self._centre(frame)
-        self._surface.blit(self._map_image(centre), (0, 0))
-        bars = stop_bars(self._map.stop_lines, palette.BAR_M) if self._map.lights else []
-        for bar, letter in zip(bars, self._map.lights, strict=True):
-            self._pygame.draw.polygon(self._surface, palette.LIGHT[letter], self._pixels(bar, centre))
-        self._points(frame.points, centre)
+    def _paint(self, frame: BevFrame) -> Image.Image:
+        view = self._view(frame)
+        view.begin()
+        view.lights(self._map.stop_lines, self._map.lights)
+        view.points(frame.points[:, :2])
         riding = {name: body.actor_id for name, body in frame.agents.items() if body.actor_id is not None}
         connected = np.isin(frame.actors.id, list(riding.values()))
         mine = frame.actors.id == riding.get(frame.about or "", -1)
-        self._polygons(outlines(frame.actors.boxes[~connected]), centre, palette.TRUTH, width=1)
-        self._polygons(outlines(frame.actors.boxes[connected & ~mine]), centre, palette.AGENT, width=1)
-        self._polygons(outlines(frame.actors.boxes[mine]), centre, palette.AGENT, width=0)
+        parts = ((~connected, palette.TRUTH, 1), (connected & ~mine, palette.CONNECTED, 1), (mine, palette.AGENT, 0))
+        for rows, color, width in parts:
+            for corners in outlines(frame.actors.boxes[rows]):
+                view.box(corners, color, width)
         for name, tracks in frame.tracks.items() if self._all_tracks else ():
             if name != frame.about:
-                self._tracks(frame, tracks.boxes, centre, palette.OTHER_TRACK, width=1)
+                _draw_tracks(view, frame, tracks.boxes, palette.OTHER_TRACK, width=1)
         own = frame.tracks.get(frame.about or "")
         if own is not None:
-            self._tracks(frame, own.boxes, centre, palette.TRACK, width=2)
+            _draw_tracks(view, frame, own.boxes, palette.TRACK, width=2)
         for lie in frame.lies:
-            self._polygons(outlines(lie.claimed), centre, palette.LIE, width=2)
+            for corners in outlines(lie.claimed):
+                view.box(corners, palette.LIE, 2)
+        self._names(view, frame)
+        picture = view.done()
+        self._legend(ImageDraw.Draw(picture), frame)
+        return picture
+
+    def _names(self, view: FromAbove, frame: BevFrame) -> None:
         for name, body in frame.agents.items():
-            spot = self._pixels(body.world_SE3_base.translation[None, :2], centre)[0]
+            place, color = body.world_SE3_base.translation[:2], _color_of(name, frame)
             if body.actor_id is None:
-                self._pygame.draw.circle(self._surface, palette.AGENT, spot, 5)
-            self._text(name, spot + np.array([8, -18]), palette.AGENT)
-        self._legend(frame)
+                view.dot(place, color, 5)
+            view.write(name, place, (8, -18), color)
 
-    def _tracks(
-        self, frame: BevFrame, boxes: Boxes3D, centre: tuple[float, float], color: palette.RGB, width: int
-    ) -> None:
-        """Draw tracks, those where nothing is as false ones."""
-        false = is_false(footprints(boxes), footprints(frame.actors.boxes))
-        for polygon in self._pixels(outlines(boxes[false]), centre):
-            self._pygame.draw.polygon(self._surface, palette.FALSE_TRACK, polygon, 1)
-            for one, other in ((0, 2), (1, 3)):
-                self._pygame.draw.line(self._surface, palette.FALSE_TRACK, polygon[one], polygon[other])
-        self._polygons(outlines(boxes[~false]), centre, color, width)
-
-    def _legend(self, frame: BevFrame) -> None:
+    def _legend(self, draw: ImageDraw.ImageDraw, frame: BevFrame) -> None:
         """Write the time and the meaning of what is drawn, with a mark before each."""
-        self._text(f"{frame.time_ns / NS_PER_S:.1f} s", np.array([10, 8]), palette.TEXT)
+        on_halo(draw, (10, 8), f"{frame.time_ns / NS_PER_S:.1f} s", palette.TEXT, _FONT_PX)
         for k, (text, color, width, crossed) in enumerate(self._keys(frame)):
-            box = self._pygame.Rect(10, 31 + 18 * k, 16, 10)
-            self._pygame.draw.rect(self._surface, color, box, width)
-            for ends in ((box.topleft, box.bottomright), (box.bottomleft, box.topright)) if crossed else ():
-                self._pygame.draw.line(self._surface, color, *ends)
-            self._text(text, np.array([34, 28 + 18 * k]), palette.TEXT)
-        right, bottom = self._size[0] - 12, self._size[1] - 14
+            top = 31 + 18 * k
+            mark = (10, top, 25, top + 9)
+            draw.rectangle(mark, None if width else color, color, width=width or 1)
+            if crossed:
+                draw.line((10, top, 25, top + 9), color)
+                draw.line((10, top + 9, 25, top), color)
+            on_halo(draw, (32, top - 3), text, palette.TEXT, _FONT_PX)
+        right, bottom = self._size[0] - 14, self._size[1] - 16
         left = right - SCALE_BAR_M * self._size[0] / SPAN_M
-        self._pygame.draw.line(self._surface, palette.TEXT, (left, bottom), (right, bottom), 3)
-        self._text(f"{SCALE_BAR_M:.0f} m", np.array([left, bottom - 20]), palette.TEXT)
+        draw.line((left, bottom, right, bottom), palette.TEXT, 3)
+        on_halo(draw, (left, bottom - 22), f"{SCALE_BAR_M:.0f} m", palette.TEXT, _FONT_PX)
 
     def _keys(self, frame: BevFrame) -> list[tuple[str, palette.RGB, int, bool]]:
         """Return the legend's words, each with colour and width of its mark (0: filled), and whether it is crossed."""
@@ -191,7 +180,7 @@ class BevRenderer:
         if frame.about is not None:
             keys.append((frame.about, palette.AGENT, 0, False))
         if len(frame.agents) > 1:
-            keys.append(("other agent", palette.AGENT, 1, False))
+            keys.append(("other agent", palette.CONNECTED, 1, False))
         if frame.tracks:
             of = "" if frame.about is None else f" of {frame.about}"
             keys += [(f"track{of}", palette.TRACK, 2, False), ("false track", palette.FALSE_TRACK, 1, True)]
@@ -207,40 +196,21 @@ class BevRenderer:
         steps = np.round(middle / 20.0) * 20.0
         return float(steps[0]), float(steps[1])
 
-    def _map_image(self, centre: tuple[float, float]) -> Any:
+    def _view(self, frame: BevFrame) -> FromAbove:
+        centre = self._centre(frame)
         if self._ground is None or self._ground[0] != centre:
-            surface = self._pygame.Surface(self._size)
-            surface.fill(palette.BACKGROUND)
-            for name, color in palette.MAP.items():
-                for polygon in getattr(self._map, name):
-                    self._pygame.draw.polygon(surface, color, self._pixels(polygon, centre))
-            self._ground = (centre, surface)
+            self._ground = centre, FromAbove(self._map, centre, self._size[0] / SPAN_M, self._size)
         return self._ground[1]
 
-    def _points(self, points: Floats, centre: tuple[float, float]) -> None:
-        pixels = np.floor(self._pixels(points[:, :2], centre)).astype(np.int64)
-        inside = ((pixels >= 0) & (pixels < self._size)).all(axis=1)
-        array = self._pygame.surfarray.pixels3d(self._surface)
-        array[pixels[inside, 0], pixels[inside, 1]] = palette.POINT
-        del array  # the surface stays locked as long as its pixels are borrowed
 
-    def _polygons(self, corners: Floats, centre: tuple[float, float], color: palette.RGB, width: int) -> None:
-        for polygon in self._pixels(corners, centre):
-            self._pygame.draw.polygon(self._surface, color, polygon, width)
-            # A line from near the middle to the front shows the heading.
-            front, middle = (polygon[0] + polygon[3]) / 2, polygon.mean(axis=0)
-            tick = color if width else palette.BACKGROUND
-            self._pygame.draw.line(self._surface, tick, front, 0.4 * front + 0.6 * middle, max(width, 2))
+def _color_of(name: str, frame: BevFrame) -> palette.RGB:
+    return palette.AGENT if name == frame.about else palette.CONNECTED
 
-    def _pixels(self, points: Floats, centre: tuple[float, float]) -> Floats:
-        scale = self._size[0] / SPAN_M
-        offset = (points - np.array(centre)) * [scale, -scale]
-        pixels: Floats = offset + np.array(self._size) / 2
-        return np.clip(pixels, -1e4, 1e4)
 
-    def _text(self, text: str, spot: NDArray[Any], color: palette.RGB) -> None:
-        # With a dark halo, to be readable over points and boxes.
-        for layer, shifts in ((palette.BACKGROUND, ((-1, 0), (1, 0), (0, -1), (0, 1))), (color, ((0, 0),))):
-            letters = self._font.render(text, True, layer)
-            for dx, dy in shifts:
-                self._surface.blit(letters, (float(spot[0]) + dx, float(spot[1]) + dy))
+def _draw_tracks(view: FromAbove, frame: BevFrame, boxes: Boxes3D, color: palette.RGB, width: int) -> None:
+    """Draw tracks, those where nothing is as false ones."""
+    false = is_false(footprints(boxes), footprints(frame.actors.boxes))
+    for corners in outlines(boxes[false]):
+        view.false(corners)
+    for corners in outlines(boxes[~false]):
+        view.box(corners, color, width)

@@ -9,8 +9,11 @@ RGB = tuple[int, int, int]
 BACKGROUND: RGB = (24, 27, 32)
 POINT: RGB = (96, 132, 150)
 TRUTH: RGB = (150, 155, 162)
-AGENT: RGB = (255, 206, 84)
+AGENT: RGB = (255, 181, 46)
+CONNECTED: RGB = (86, 180, 233)
 TEXT: RGB = (214, 218, 224)
+HIDDEN: RGB = (226, 230, 236)
+CRASH: RGB = (255, 84, 84)
 LIE: RGB = (255, 45, 190)
 TRACK: RGB = (120, 214, 170)
 OTHER_TRACK: RGB = (74, 128, 104)
@@ -28,6 +31,9 @@ MAP: dict[str, RGB] = {
     "buildings": (58, 52, 48),
 }
 """Colours of a road map's polygons by field, in the order of painting."""
+
+KERB: RGB = (66, 72, 81)
+"""Colour of the edges of pavements."""
 
 LIGHT: dict[str, RGB] = {"G": (52, 199, 89), "g": (52, 199, 89), "y": (255, 190, 40), "r": (235, 70, 60)}
 """Colours of bars at stop lines, by the states of traffic lights."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from types import MappingProxyType
 from typing import Any, Protocol
 
@@ -88,6 +89,7 @@ def command_space(command: str) -> spaces.Discrete | spaces.Box:
     return spaces.Box(*_bounds(command), dtype=np.float32)
 
 
+@cache
 def _bounds(command: str) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the least and greatest numbers of an acceleration (1,), or of an acceleration and an angle (2,)."""
     low, high = [-LARGEST_BRAKING_M_S2, -LARGEST_STEERING_RAD], [LARGEST_ACCELERATION_M_S2, LARGEST_STEERING_RAD]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +93,26 @@ class Actors:
         """Return the actors in another gravity-aligned frame."""
         boxes, velocity = self.boxes.transform(dst_SE3_src), dst_SE3_src.rotate_planar(self.velocity)
         return replace(self, boxes=boxes, velocity=velocity)
+
+
+class RoadUsers(NamedTuple):
+    """Places of all N actors now, in the world frame, for who needs no heights, colours and poses.
+
+    Attributes:
+        position: (N, 2) m, of their middles.
+        yaw: (N,) rad.
+        velocity: (N, 2) m/s.
+        size: (N, 3) m.
+        label: (N,) classes.
+        model: (N,) indices into the world's models.
+    """
+
+    position: Floats
+    yaw: Floats
+    velocity: Floats
+    size: Floats
+    label: Ints
+    model: Ints
 
 
 @dataclass(frozen=True, slots=True, eq=False)

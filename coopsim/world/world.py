@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import Floats, SE3Batch, wrap_angle
+from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.support.checks import require_choice
 from coopsim.support.rng import uniform_numbers
 from coopsim.types import Ints, Mask
@@ -19,10 +19,11 @@ from coopsim.world.models.model import Model
 from coopsim.world.models.paint import Colors, draw_colors
 from coopsim.world.people.people import MANNERS, People, join_bodies
 from coopsim.world.people.scripted import ScriptedPeople
+from coopsim.world.places.layout import Cars
 from coopsim.world.places.signals import lights_of
 from coopsim.world.scenario import Scenario
 from coopsim.world.script import Script
-from coopsim.world.snapshot import Actors, AgentBody, RoadMap, StaticPart
+from coopsim.world.snapshot import Actors, AgentBody, RoadMap, RoadUsers, StaticPart
 from coopsim.world.traffic.fleet import STEERED, Fleet
 from coopsim.world.traffic.lights import red_ways
 from coopsim.world.traffic.navigation import ROUTE_M
@@ -36,6 +37,9 @@ tenths."""
 PERSON_ID = 1_000_000_000
 """Ids of pedestrians start here, of children at twice as much and so on, of vehicles at 1: a kind's number does not
 renumber another."""
+
+STANDING = ("mast", "lamp", "barrier", "trunk")
+"""Names of parts of places that a car does not pass, beside their furnishing, buildings and walls."""
 
 BYSTANDER_ID = 100 * PERSON_ID
 """Ids of bystanders start here."""
@@ -95,6 +99,7 @@ class World:
             driven=None if driven is None else tuple(map(_number, driven)),
             route_m=route_m,
             grip=grip,
+            furnishing=_standing(scenario),
         )
         self._signals, self._nodes = layout.signals, 0 if layout.footways is None else len(layout.footways.nodes)
         self._red: Mask | None = None
@@ -152,22 +157,28 @@ class World:
         people = enumerate(script.people, start=PERSON_ID * (len(MANNERS) + 1))
         return (*(k for k, role in vehicles if role.conflicts), *(k for k, role in people if role.conflicts))
 
+    def road_users(self) -> RoadUsers:
+        """Return where everybody is, in the order of `actors`, without what only pictures and sensors need."""
+        fleet, groups, resting = self._traffic.fleet, self._groups.values(), self._resting
+        model = np.concatenate([fleet.rows["model"], *(people.model for people in groups), self._resting_model])
+        still = np.zeros((len(resting), 2))
+        return RoadUsers(
+            np.concatenate([fleet.position, *(people.position for people in groups), resting[:, :2]]),
+            np.concatenate([fleet.rows["heading"], *(people.yaw for people in groups), resting[:, 2]]),
+            np.concatenate([fleet.velocity, *(people.velocity for people in groups), still]),
+            self._sizes_m[model],
+            self._labels[model],
+            model,
+        )
+
     def actors(self) -> Actors:
         """Return all vehicles, connected ones included, then all people, then bystanders; in the world frame."""
+        ground, yaw, velocity, size, label, model = self.road_users()
         fleet, groups, resting = self._traffic.fleet, self._groups, self._resting
-        model = np.concatenate(
-            [fleet.rows["model"], *(people.model for people in groups.values()), self._resting_model]
-        )
-        size = self._sizes_m[model]
-        ground = np.concatenate([fleet.position, *(people.position for people in groups.values()), resting[:, :2]])
-        yaw = np.concatenate([fleet.rows["heading"], *(people.yaw for people in groups.values()), resting[:, 2]])
-        label = self._labels[model]
-        still = np.zeros((len(resting), 2))
-        velocity = np.concatenate([fleet.velocity, *(people.velocity for people in groups.values()), still])
         runs = [(first, len(each)) for first, each in groups.items()] + [(BYSTANDER_ID, len(resting))]
         identity = np.concatenate([fleet.rows["id"], *(first + np.arange(count) for first, count in runs)])
-        middle = np.empty((len(ground), 3))
-        middle[:, :2], middle[:, 2] = ground, self._layout.heights(ground) + size[:, 2] / 2
+        middle = self._layout.on_ground(ground)
+        middle[:, 2] += size[:, 2] / 2
         # Only people, on foot and riding, have cycles of poses.
         walked_m = [people.travelled_m for people in groups.values()]
         travelled_m = np.concatenate([np.zeros(len(fleet.rows)), *walked_m, np.zeros(len(resting))])
@@ -193,16 +204,9 @@ class World:
 
     def agents(self) -> dict[str, AgentBody]:
         """Return connected cars, then roadside units, then drones."""
-        bodies: dict[str, AgentBody] = {}
-        rows, connected = self._traffic.fleet.rows, list(self._traffic.connected)
-        cars = {name: rows[name][connected] for name in ("id", "x", "y", "heading", "model")}
-        at = np.empty((len(connected), 4))
-        at[:, 0], at[:, 1], at[:, 3] = cars["x"], cars["y"], cars["heading"]
-        at[:, 2] = self._layout.heights(at[:, :2])
-        poses, heights_m = SE3Batch.from_xyz_yaw(at), self._sizes_m[cars["model"], 2].tolist()
-        for k, (actor, height_m) in enumerate(zip(cars["id"].tolist(), heights_m, strict=True)):
-            bodies[f"cav_{k}"] = AgentBody(f"cav_{k}", "cav", actor, poses[k], height_m)
-        return bodies | self._layout.posts(*self._posts, self._time_s)
+        rows = self._traffic.fleet.rows[list(self._traffic.connected)]
+        place, height_m = np.column_stack([rows["x"], rows["y"]]), self._sizes_m[rows["model"], 2]
+        return self._layout.agents(Cars(rows["id"], place, rows["heading"], height_m), self._posts, self._time_s)
 
     @property
     def fleet(self) -> Fleet:
@@ -228,6 +232,14 @@ class World:
         """Return `Occlusions.entries` (A, 5) of a connected car, in its own frame; none of a car that nobody steers."""
         return self._traffic.entries(_number(name))
 
+    def row_of(self, name: str) -> int:
+        """Return the row of a connected car in `fleet` and in `road_users`."""
+        return self._traffic.connected[_number(name)]
+
+    def hit(self, name: str) -> str:
+        """Return what a steered car has crashed into beside the road, "building" or "object"; "" for nothing."""
+        return self._traffic.hit(_number(name))
+
     def release(self, name: str) -> None:
         """Hand a steered car to the traffic model, as one that has arrived."""
         self._traffic.release(_number(name))
@@ -240,6 +252,12 @@ class World:
     def is_over_in(self, time_s: float) -> bool:
         """Return False: traffic goes on."""
         return False
+
+
+def _standing(scenario: Scenario) -> list[StaticPart]:
+    """Return the parts beside the road that a car does not pass."""
+    furnishing = scenario.static[len(scenario.layout.static) :]
+    return [*(part for part in scenario.layout.static if part.name in STANDING), *furnishing]
 
 
 def _number(name: str) -> int:

@@ -19,9 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
-from coopsim.types.driving import LARGEST_BRAKING_M_S2, LARGEST_STEERING_RAD, RED, CarState, Route
+from coopsim.support.kernels import njit
+from coopsim.types import Ints
+from coopsim.types.driving import LARGEST_BRAKING_M_S2, LARGEST_STEERING_RAD, RED, CarState
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.snapshot import Actors
+from coopsim.world.snapshot import RoadUsers
 
 CAR = ("speed", "acceleration", "steering", "aside", "cos_heading", "sin_heading", "to_go", "time_left")
 """Speed (over 40 m/s), acceleration (8 m/s²), angle of the front wheels (0.6 rad), distance to the left of the route (4
@@ -38,71 +40,86 @@ POINTS, SPACING_M, NEAREST, REACH_M = 10, 5.0, 12, 60.0
 NUMBERS = len(CAR) + POINTS * len(ROUTE) + NEAREST * len(OTHERS)
 """Length of an observation."""
 
+_ROUTE_AT = len(CAR)
+_OTHERS_AT = _ROUTE_AT + POINTS * len(ROUTE)
 _FASTEST_M_S, _ASIDE_M, _LONGEST_M, _WIDEST_M = 40.0, 4.0, 20.0, 4.0
+_PEDESTRIAN, _CHILD = int(ObjectClass.PEDESTRIAN), int(ObjectClass.CHILD)
 Observed = NDArray[np.float32]
 
 
-def observe(car: CarState, pose: tuple[float, float, float], me: int, actors: Actors, time_left: float) -> Observed:
+def observe(car: CarState, me: int, users: RoadUsers, time_left: float) -> Observed:
     """Return the observation (`NUMBERS`,) of a car.
 
     Args:
         car: the car as it knows itself.
-        pose: its x and y, m, and heading, rad, in the world frame.
-        me: its id among the actors.
-        actors: everybody, in the world frame.
+        me: its row among the road users.
+        users: everybody, in the world frame.
         time_left: share of its time that is left, in [0, 1].
     """
-    parts = [_of_car(car, time_left), _of_route(car.route).ravel(), _of_others(pose, me, actors).ravel()]
-    row: Observed = np.clip(np.concatenate(parts), -1.0, 1.0).astype(np.float32)
-    return row
+    row, route = np.zeros(NUMBERS), car.route
+    row[:_ROUTE_AT] = _of_car(car, time_left)
+    step = round(SPACING_M / route.spacing_m)
+    _fill_route(
+        row[_ROUTE_AT:_OTHERS_AT].reshape(POINTS, len(ROUTE)),
+        route.points,
+        route.speed_limit_m_s,
+        route.right_of_way,
+        route.lights,
+        step,
+        route.goal_m / route.spacing_m,
+    )
+    _fill_others(row[_OTHERS_AT:].reshape(NEAREST, len(OTHERS)), me, *users[:5])
+    return np.asarray(np.clip(row, -1.0, 1.0, out=row), np.float32)
 
 
-def _of_car(car: CarState, time_left: float) -> Floats:
+def _of_car(car: CarState, time_left: float) -> list[float]:
     (x, y), (next_x, next_y) = car.route.points[:2].tolist()
     along_x, along_y = next_x - x, next_y - y
     long = max(math.hypot(along_x, along_y), 1e-9)
     cos, sin = along_x / long, along_y / long
     aside = x * sin - y * cos  # of the car's middle, to the left of the route
-    return np.array(
-        [
-            car.speed_m_s / _FASTEST_M_S,
-            car.acceleration_m_s2 / LARGEST_BRAKING_M_S2,
-            car.steering_rad / LARGEST_STEERING_RAD,
-            aside / _ASIDE_M,
-            cos,
-            -sin,
-            1.0 - car.route.completion,
-            time_left,
-        ]
-    )
+    return [
+        car.speed_m_s / _FASTEST_M_S,
+        car.acceleration_m_s2 / LARGEST_BRAKING_M_S2,
+        car.steering_rad / LARGEST_STEERING_RAD,
+        aside / _ASIDE_M,
+        cos,
+        -sin,
+        1.0 - car.route.completion,
+        time_left,
+    ]
 
 
-def _of_route(route: Route) -> Floats:
-    at = np.arange(1, POINTS + 1) * round(SPACING_M / route.spacing_m)
-    at = np.minimum(at, len(route.points) - 1)
-    rows = np.empty((POINTS, len(ROUTE)))
-    rows[:, :2] = route.points[at] / REACH_M
-    rows[:, 2] = route.speed_limit_m_s[at] / _FASTEST_M_S
-    rows[:, 3], rows[:, 4] = route.right_of_way[at], route.lights[at] / RED
-    rows[:, 5] = at * route.spacing_m >= route.goal_m
-    return rows
+@njit(cache=True, nogil=True)
+def _fill_route(
+    rows: Floats, points: Floats, limit_m_s: Floats, rights: Ints, lights: Ints, step: int, goal: float
+) -> None:
+    """Fill rows of `ROUTE` from every `step`-th point; `goal` is the place of the goal among the points."""
+    for k in range(len(rows)):
+        at = min((k + 1) * step, len(points) - 1)
+        rows[k, 0], rows[k, 1] = points[at, 0] / REACH_M, points[at, 1] / REACH_M
+        rows[k, 2], rows[k, 3] = limit_m_s[at] / _FASTEST_M_S, rights[at]
+        rows[k, 4], rows[k, 5] = lights[at] / RED, 1.0 if at >= goal else 0.0
 
 
-def _of_others(pose: tuple[float, float, float], me: int, actors: Actors) -> Floats:
-    """Return the nearest road users as rows (`NEAREST`, 10) of `OTHERS`."""
-    x, y, heading = pose
-    offset = actors.boxes.center[:, :2] - [x, y]
-    apart = np.square(offset).sum(axis=1)
-    near = np.flatnonzero((apart < REACH_M * REACH_M) & (actors.id != me))
-    near = near[np.argsort(apart[near], kind="stable")[:NEAREST]]
-    cos, sin = math.cos(heading), math.sin(heading)
-    turn, yaw = np.array([[cos, -sin], [sin, cos]]), actors.boxes.yaw[near] - heading
-    rows = np.zeros((NEAREST, len(OTHERS)))
-    rows[: len(near), :2] = offset[near] @ turn / REACH_M
-    rows[: len(near), 2:4] = actors.velocity[near] @ turn / _FASTEST_M_S
-    rows[: len(near), 4], rows[: len(near), 5] = np.cos(yaw), np.sin(yaw)
-    rows[: len(near), 6:8] = actors.boxes.size[near, :2] / [_LONGEST_M, _WIDEST_M]
-    label = actors.label[near]
-    rows[: len(near), 8] = (label == ObjectClass.PEDESTRIAN) | (label == ObjectClass.CHILD)
-    rows[: len(near), 9] = 1.0
-    return rows
+@njit(cache=True, nogil=True)
+def _fill_others(
+    rows: Floats, me: int, position: Floats, yaw: Floats, velocity: Floats, size: Floats, label: Ints
+) -> None:
+    """Fill rows of `OTHERS` with the nearest road users, the nearest first; of equally near ones the first counts."""
+    apart = np.square(position[:, 0] - position[me, 0]) + np.square(position[:, 1] - position[me, 1])
+    apart[me] = np.inf
+    cos, sin = math.cos(yaw[me]), math.sin(yaw[me])
+    for k in range(min(len(rows), len(apart))):
+        n = np.argmin(apart)
+        if not apart[n] < REACH_M * REACH_M:
+            return
+        apart[n] = np.inf
+        x, y = position[n, 0] - position[me, 0], position[n, 1] - position[me, 1]
+        rows[k, 0], rows[k, 1] = (x * cos + y * sin) / REACH_M, (y * cos - x * sin) / REACH_M
+        x, y = velocity[n, 0], velocity[n, 1]
+        rows[k, 2], rows[k, 3] = (x * cos + y * sin) / _FASTEST_M_S, (y * cos - x * sin) / _FASTEST_M_S
+        rows[k, 4], rows[k, 5] = math.cos(yaw[n] - yaw[me]), math.sin(yaw[n] - yaw[me])
+        rows[k, 6], rows[k, 7] = size[n, 0] / _LONGEST_M, size[n, 1] / _WIDEST_M
+        rows[k, 8] = 1.0 if label[n] == _PEDESTRIAN or label[n] == _CHILD else 0.0
+        rows[k, 9] = 1.0

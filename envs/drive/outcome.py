@@ -4,6 +4,7 @@
 |---|---|---|
 | `crash`, `crashed` | MetaDrive, highway-env | the car has touched something |
 | `crash_vehicle`, `crash_human`, `crash_building` | MetaDrive | what it was |
+| `crash_object` | MetaDrive | it was a tree, a pole or furniture |
 | `crash_sidewalk` | MetaDrive | a corner of the car is on a pavement: it has mounted a kerb; ends nothing |
 | `out_of_road` | MetaDrive | the car's middle has left the road's surface |
 | `out_of_route` | MetaDrive | it is farther than 30 m from its route |
@@ -11,27 +12,29 @@
 | `max_step` | MetaDrive | its time is over |
 | `route_completion` | MetaDrive | share of the route that is behind it, in [0, 1] |
 | `speed` | highway-env | m/s |
+| `red_light` | ours | its middle has crossed a line at red in this step; ends nothing |
 | `wrong_way` | ours | it is on lanes that all lead the other way; ends nothing |
-| `red_lights` | ours | number of red lights that it has run so far; ends nothing |
 | `is_success` | Stable-Baselines3 | at the end: whether it has arrived |
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from coopsim.envs.drive.surface import Surface
-from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
+from coopsim.geometry.surface import Surface
 from coopsim.geometry.taken_ground import TakenGround
-from coopsim.types.driving import CarState
+from coopsim.types.driving import NO_LIGHT, RED, CarState
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.snapshot import Actors, RoadMap
+from coopsim.world.snapshot import RoadMap, RoadUsers
 
 _TOUCHES_M = 0.5  # bodies that crashed have been pushed apart
+_FAR_M = 10.0  # farther bodies cannot touch
+_KINDS = ("vehicle", "human", "building", "object")
 _ON_FOOT = (ObjectClass.PEDESTRIAN, ObjectClass.CHILD, ObjectClass.BICYCLE, ObjectClass.SCOOTER)
 
 
@@ -59,15 +62,23 @@ class Judge:
         self._road = Surface([*road_map.lanes, *road_map.parking, *road_map.crosswalks])
         self._pavements = Surface(road_map.pavements)
 
-    def outcome(self, car: CarState, me: int, actors: Actors, *, timed_out: bool) -> Outcome:
-        """Return what has become of the car with the id `me` among the actors, all in the world frame."""
-        (row,) = np.flatnonzero(actors.id == me)
-        corners = _corners(actors.boxes, int(row))
-        middle = actors.boxes.center[row : row + 1, :2]
+    def outcome(self, was: CarState, car: CarState, me: int, users: RoadUsers, hit: str, *, timed_out: bool) -> Outcome:
+        """Return what has become of a car.
+
+        Args:
+            was: the car as it knew itself before the step.
+            car: the car as it knows itself.
+            me: its row among the road users.
+            users: everybody, in the world frame.
+            hit: the thing beside the road that it has crashed into, see `World.hit`.
+            timed_out: whether its time is over.
+        """
+        corners = _corners_of(users, me)
         arrives = not car.crashed and car.route.arrived
-        left, strays = not self._road.covers(middle)[0], car.route.strayed
-        hit = _touched(corners, me, actors) if car.crashed else ""
-        infos: dict[str, Any] = {f"crash_{kind}": hit == kind for kind in ("vehicle", "human", "building")}
+        left, strays = not self._road.covers(users.position[me : me + 1])[0], car.route.strayed
+        if car.crashed:
+            hit = hit or _touched(corners, me, users)
+        infos: dict[str, Any] = {f"crash_{kind}": hit == kind for kind in _KINDS}
         infos |= {
             "crash": car.crashed,
             "crashed": car.crashed,
@@ -78,8 +89,8 @@ class Judge:
             "max_step": timed_out,
             "route_completion": 1.0 if arrives else car.route.completion,
             "speed": car.speed_m_s,
+            "red_light": runs_red_light(was, car),
             "wrong_way": car.wrong_way,
-            "red_lights": car.red_lights,
         }
         terminated = bool(car.crashed or left or strays or arrives)
         if terminated or timed_out:
@@ -87,25 +98,34 @@ class Judge:
         return Outcome(infos, terminated, arrives, bool(left or strays))
 
 
-def _corners(boxes: Boxes3D, row: int) -> Floats:
-    """Return the corners (4, 2) of a box from above, m."""
-    (length, width), yaw = boxes.size[row, :2] / 2, boxes.yaw[row]
-    ahead = length * np.array([np.cos(yaw), np.sin(yaw)])
-    left = width * np.array([-np.sin(yaw), np.cos(yaw)])
-    middle: Floats = boxes.center[row, :2]
-    return np.stack([middle + ahead + left, middle - ahead + left, middle - ahead - left, middle + ahead - left])
+def runs_red_light(before: CarState, after: CarState) -> bool:
+    """Return whether a car has come onto a way over a junction whose light is red, from before its line."""
+    seen = len(before.route.lights) and len(after.route.lights)
+    return bool(seen and before.route.lights[0] == NO_LIGHT and after.route.lights[0] == RED)
 
 
-def _touched(corners: Floats, me: int, actors: Actors) -> str:
-    """Return what a crashed car has touched: "human", "vehicle", or else "building"."""
-    reach = np.hypot(*(actors.boxes.center[:, :2] - corners.mean(axis=0)).T) - np.hypot(*actors.boxes.size.T[:2]) / 2
-    near = np.flatnonzero((reach < 10.0) & (actors.id != me))
-    touched = []
-    for row in near.tolist():
+def _corners_of(users: RoadUsers, row: int) -> Floats:
+    """Return the corners (4, 2) of a body from above, m."""
+    (x, y), (length, width), yaw = users.position[row].tolist(), users.size[row, :2].tolist(), float(users.yaw[row])
+    ahead_x, ahead_y = length / 2 * math.cos(yaw), length / 2 * math.sin(yaw)
+    left_x, left_y = -width / 2 * math.sin(yaw), width / 2 * math.cos(yaw)
+    return np.array(
+        [
+            [x + ahead_x + left_x, y + ahead_y + left_y],
+            [x - ahead_x + left_x, y - ahead_y + left_y],
+            [x - ahead_x - left_x, y - ahead_y - left_y],
+            [x + ahead_x - left_x, y + ahead_y - left_y],
+        ]
+    )
+
+
+def _touched(corners: Floats, me: int, users: RoadUsers) -> str:
+    """Return what a crashed car has touched: "human", or else "vehicle"."""
+    reach = np.hypot(*(users.position - corners.mean(axis=0)).T) - np.hypot(*users.size.T[:2]) / 2
+    reach[me] = np.inf
+    for row in np.flatnonzero(reach < _FAR_M).tolist():
         ground = TakenGround()
-        ground.take(_corners(actors.boxes, row))
-        if not ground.is_free(corners, _TOUCHES_M):
-            touched.append(actors.label[row])
-    if not touched:
-        return "building"
-    return "human" if any(label in _ON_FOOT for label in touched) else "vehicle"
+        ground.take(_corners_of(users, row))
+        if users.label[row] in _ON_FOOT and not ground.is_free(corners, _TOUCHES_M):
+            return "human"
+    return "vehicle"

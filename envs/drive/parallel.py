@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from coopsim.envs.drive.observation import NUMBERS, Observed, observe
-from coopsim.envs.drive.outcome import Judge
+from coopsim.envs.drive.outcome import Judge, Outcome
 from coopsim.envs.drive.reward import RouteReward
 from coopsim.envs.options import sort_options
 from coopsim.envs.rewards import DriveStep, total
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import EpisodeStateError, InvalidValueError
+from coopsim.geometry.se3 import Floats
 from coopsim.metrics.evaluator import FrameCounts
 from coopsim.support.checks import require_count, require_frame_time, require_instance, require_positive
 from coopsim.support.rng import fresh_seed, require_seed
@@ -30,7 +31,7 @@ from coopsim.wire.actions import checked_numbers, command_space, require_agents
 from coopsim.world.drawn_places import choose_scenarios, find_drawer
 from coopsim.world.population import Population
 from coopsim.world.scenario import Place
-from coopsim.world.snapshot import AgentBody
+from coopsim.world.snapshot import RoadUsers
 from coopsim.world.world import World
 
 Infos = dict[str, dict[str, Any]]
@@ -152,9 +153,9 @@ class DriveParallel(ParallelEnv[str, Observed, Observed]):  # type: ignore[misc]
         self._judge, self.agents, self._step = Judge(self._world.map), list(names), 0
         cars = {name: self._world.car_ahead(name) for name in names}
         self._trips = {name: _Trip(car, self._steps_for(car.route.length_m)) for name, car in cars.items()}
-        self._actors, self._bodies = self._world.actors(), self._world.agents()
+        self._users = self._world.road_users()
         drawn = {} if scenario.place_seed is None else {"place_seed": scenario.place_seed}
-        infos = {name: {"seed": seed, **drawn, **self._outcome(name).infos} for name in names}
+        infos = {name: {"seed": seed, **drawn, **self._outcome(name, cars[name]).infos} for name in names}
         self._show_if_human()
         return {name: self._observe(name) for name in names}, infos
 
@@ -174,18 +175,20 @@ class DriveParallel(ParallelEnv[str, Observed, Observed]):  # type: ignore[misc]
             command = checked_numbers(name, STEERING, actions[name])
             assert isinstance(command, tuple)
             commands[name] = command
-        before = {name: self._bodies[name] for name in names}
+        before, self._step = self._users, self._step + 1
         self._world.step(self._dt_s, commands)
-        self._step += 1
-        self._actors, self._bodies = self._world.actors(), self._world.agents()
+        self._users = self._world.road_users()
         seen, rewards, infos = dict[str, Observed](), dict[str, float](), Infos()
         terminated, truncated = dict[str, bool](), dict[str, bool]()
         for name in names:
             trip, was = self._trips[name], self._trips[name].car
             trip.car, trip.taken = self._world.car_ahead(name), trip.taken + 1
-            outcome = self._outcome(name)
-            parts = self._reward_parts(was, trip.car, before[name], self._bodies[name])
-            parts |= self._reward.ends(arrives=outcome.arrives, leaves=outcome.leaves)
+            outcome = self._outcome(name, was)
+            moved_m = _moved(before, self._users, self._world.row_of(name))
+            parts = self._reward.parts(DriveStep(_NOTHING, self._dt_s, was, trip.car, moved_m))
+            parts |= self._reward.events(
+                arrives=outcome.arrives, leaves=outcome.leaves, red_light=outcome.infos["red_light"]
+            )
             seen[name], rewards[name] = self._observe(name), total(parts)
             terminated[name], infos[name] = outcome.terminated, {**outcome.infos, "reward_parts": parts}
             truncated[name] = not outcome.terminated and trip.taken >= trip.steps
@@ -194,6 +197,11 @@ class DriveParallel(ParallelEnv[str, Observed, Observed]):  # type: ignore[misc]
         self.agents = [name for name in names if not (terminated[name] or truncated[name])]
         self._show_if_human()
         return seen, rewards, terminated, truncated, infos
+
+    @property
+    def dt_s(self) -> float:
+        """Time between two steps."""
+        return self._dt_s
 
     @property
     def world(self) -> World:
@@ -209,7 +217,7 @@ class DriveParallel(ParallelEnv[str, Observed, Observed]):  # type: ignore[misc]
         self._renderer.show_map(self._world.map)
         ego = (self.agents or self.possible_agents)[0]
         time_ns = seconds_to_ns(self._step * self._dt_s)
-        frame = BevFrame(time_ns, self._actors, self._bodies, np.zeros((0, 3)), {}, (), ego)
+        frame = BevFrame(time_ns, self._world.actors(), self._world.agents(), np.zeros((0, 3)), {}, (), ego)
         return self._renderer.render(frame, self.render_mode)
 
     def close(self) -> None:
@@ -228,17 +236,12 @@ class DriveParallel(ParallelEnv[str, Observed, Observed]):  # type: ignore[misc]
         return list(self.agents)
 
     def _observe(self, name: str) -> Observed:
-        trip, body = self._trips[name], self._bodies[name]
-        return observe(trip.car, _pose(body), _id(body), self._actors, trip.left)
-
-    def _outcome(self, name: str) -> Any:
         trip = self._trips[name]
-        timed_out = trip.taken >= trip.steps
-        return self._judge.outcome(trip.car, _id(self._bodies[name]), self._actors, timed_out=timed_out)
+        return observe(trip.car, self._world.row_of(name), self._users, trip.left)
 
-    def _reward_parts(self, was: CarState, car: CarState, before: AgentBody, after: AgentBody) -> dict[str, float]:
-        moved = before.world_SE3_base.inverse().apply(after.world_SE3_base.translation)[:2]
-        return self._reward.parts(DriveStep(_NOTHING, self._dt_s, was, car, moved))
+    def _outcome(self, name: str, was: CarState) -> Outcome:
+        trip, row, hit = self._trips[name], self._world.row_of(name), self._world.hit(name)
+        return self._judge.outcome(was, trip.car, row, self._users, hit, timed_out=trip.taken >= trip.steps)
 
     def _show_if_human(self) -> None:
         if self.render_mode == "human":
@@ -248,11 +251,8 @@ class DriveParallel(ParallelEnv[str, Observed, Observed]):  # type: ignore[misc]
 _OWN = ("place", "cars", "route_m", "reward", "dt_s", "seconds_per_m", "weather", "grip", "density", "render_mode")
 
 
-def _id(body: AgentBody) -> int:
-    assert body.actor_id is not None
-    return body.actor_id
-
-
-def _pose(body: AgentBody) -> tuple[float, float, float]:
-    x, y, _ = body.world_SE3_base.translation.tolist()
-    return x, y, float(body.world_SE3_base.yaw)
+def _moved(before: RoadUsers, after: RoadUsers, row: int) -> Floats:
+    """Return where a road user is (2,) m after a step, in its own frame before it."""
+    x, y = (after.position[row] - before.position[row]).tolist()
+    cos, sin = math.cos(before.yaw[row]), math.sin(before.yaw[row])
+    return np.array([x * cos + y * sin, y * cos - x * sin])

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from coopsim.comms.received_intents import ReceivedIntents
 from coopsim.envs.frames import AgentFrame, Frame
 from coopsim.envs.simulated.occlusion_map import OcclusionMap
 from coopsim.errors import InvalidValueError, PlannerError
@@ -29,11 +30,14 @@ class PlannedDriving:
         self._specs, self._occlusions = driven, occlusions
         self._planners = {name: make_planner(planner) for name in driven}
         self._aware = {name for name, each in self._planners.items() if each.occlusion_aware}
+        self._intents = {name: ReceivedIntents() for name in driven}
 
     def hear(self, received: Mapping[str, Observation]) -> None:
-        """Take note of the messages that have arrived, by agent, if a planner minds where they came from."""
-        if self._aware:
-            self._occlusions.hear({name: received[name] for name in self._aware})
+        """Take notice of what arrived at the driven cars, by name."""
+        self._occlusions.hear({name: received[name] for name in self._aware if name in received})
+        for name, intents in self._intents.items():
+            if name in received:
+                intents.hear(received[name])
 
     def commands(self, frame: Frame, tracks: Mapping[str, Tracks]) -> dict[str, Plan]:
         """Ask the planner of each driven car that has not crashed for an acceleration, m/s², or with an angle, rad.
@@ -68,6 +72,7 @@ class PlannedDriving:
             state.traffic_side,
             state.steering_rad,
             state.wheelbase_m,
+            self._intents[name].now(agent.observation),
             self._occlusions.of(name, agent.observation) if name in self._aware else None,
         )
         planner, began = self._planners[name], time.monotonic()

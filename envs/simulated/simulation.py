@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -24,17 +24,19 @@ from coopsim.envs.simulated.perception import Perception, observation_format
 from coopsim.envs.simulated.planned_driving import PlannedDriving
 from coopsim.envs.simulated.simulation_options import SimulationOptions
 from coopsim.errors import InvalidValueError
+from coopsim.interfaces.attack import OpenFacts
 from coopsim.sensors.lidar.lidar import LidarConfig
 from coopsim.sensors.scene import RayScene, SceneGeometry
 from coopsim.sensors.visibility import PixelVisibility, Visibility, measure_pixels
 from coopsim.support.arrays import look_up
 from coopsim.types import AgentSpec, CameraImage, Ints, Observation, Sweep, Tracks, seconds_to_ns
-from coopsim.types.driving import ACCELERATION, MANEUVER, STEERING, Command, acceleration_of
+from coopsim.types.driving import ACCELERATION, MANEUVER, STEERING, CarState, Command, acceleration_of
 from coopsim.world.intersections import LitJunction, lit_junctions
 from coopsim.world.recording.episode_file import Episode
 from coopsim.world.recording.recorded_world import PlayedWorld, RecordedWorld
 from coopsim.world.scenario import EpisodeScenarios, Scenario
 from coopsim.world.snapshot import Actors, AgentBody, DrivenWorld, WorldSource
+from coopsim.world.traffic.mapped_ways import MappedWays
 from coopsim.world.world import World
 
 _COMMANDS: dict[str, Any] = {"policy": MANEUVER, "acceleration": ACCELERATION, "steering": STEERING}
@@ -64,7 +66,7 @@ class Simulation(FrameSource):
         self._conflicts: tuple[int, ...] = ()
         self._driven = self._driven_among(bodies)
         self.specs = self._specify(bodies)
-        self._world, self.road_map = world, world.map
+        self._world, self.road_map, self.static = world, world.map, world.static
         most = len(world.actors()) if scenarios.most_actors is None else scenarios.most_actors
         self.capacity = most if recording is None else recording.most_actors
         self.region_m = options.region_m
@@ -82,7 +84,8 @@ class Simulation(FrameSource):
             self._equipment.require_free_masts(world.agents().values())
         if self._options.record is not None:
             world = RecordedWorld(world, self._options.record, self._scenario, seed, self._options.dt_s)
-        self.specs, self._world, self.road_map = self._specify(world.agents()), made, made.map
+        self.specs, self._world = self._specify(world.agents()), made
+        self.road_map, self.static = made.map, made.static
         self._episode = SimulatedEpisode(self._options, self._equipment, world, self.specs, seed, self._scenario)
         self._conflicts = made.conflict_ids if isinstance(made, DrivenWorld) else ()
         if isinstance(made, DrivenWorld) and self._driven:
@@ -95,14 +98,28 @@ class Simulation(FrameSource):
         self.road_map = self._world.map  # with traffic lights as they are now
         return frame
 
-    def hear(self, received: Mapping[str, Observation]) -> None:
-        """Let planners know of the messages that have arrived; see `FrameSource.hear`."""
-        self._episode.hear(received)
-
     @property
     def driven(self) -> tuple[str, ...]:
         """Names of the cars that a planner or the action drives; see `FrameSource.driven`."""
         return self._driven if self._options.traffic != "highway-env" else ()
+
+    def car_ahead(self, name: str) -> CarState | None:
+        """Return a connected car's motion and way ahead, unless a log or SUMO moves it; see `FrameSource.car_ahead`."""
+        if self.specs[name].kind != "cav" or self._options.traffic == "highway-env":
+            return None
+        world = self._world
+        known = isinstance(world, World) or (isinstance(world, DrivenWorld) and name in self._driven)
+        return world.car_ahead(name) if known else None
+
+    def hear(self, received: Mapping[str, Observation]) -> None:
+        """Let planners hear what others plan; see `FrameSource.hear`."""
+        self._episode.hear(received)
+
+    @property
+    def open_facts(self) -> OpenFacts:
+        """The planner and the map; see `FrameSource.open_facts`."""
+        # Of the map alone: what is reachable from here, an attacker's code could read.
+        return OpenFacts(self.driven, self._options.planner, MappedWays(self._scenario.layout.network).ahead)
 
     @property
     def junctions(self) -> tuple[LitJunction, ...]:
@@ -200,11 +217,6 @@ class SimulatedEpisode:
                 self._options.planner, {name: self._specs[name] for name in driven}, occlusions
             )
 
-    def hear(self, received: Mapping[str, Observation]) -> None:
-        """Let planners know of the messages that have arrived."""
-        if self._planning is not None:
-            self._planning.hear(received)
-
     def advance(self, commands: Mapping[str, Command], tracks: Mapping[str, Tracks]) -> Frame:
         """Step the world and return the next frame; see `FrameSource.advance`."""
         if self._planning is not None:
@@ -213,6 +225,11 @@ class SimulatedEpisode:
         self._commands = commands
         self._cycle += 1
         return self.frame()
+
+    def hear(self, received: Mapping[str, Observation]) -> None:
+        """Let planners hear what others plan."""
+        if self._planning is not None:
+            self._planning.hear(received)
 
     def frame(self) -> Frame:
         """Sense the world as it is now."""
@@ -237,8 +254,10 @@ class SimulatedEpisode:
             frames = {name: replace(each, segmentation=images.get(name, {})) for name, each in frames.items()}
         agents = frames | self._driven_frames(frames)
         crashed = self._options.ends_on_crash and self._any_crashed(bodies)
-        last = crashed or self._cycle >= self._options.max_cycles or (self._ends_when_over and self._is_over)
-        self._frame = Frame(time_ns, agents, actors, last, probe, "crash" if crashed else self._end)
+        arrived = self._options.ends_on_arrival and not crashed and _all_arrived(agents[name] for name in self._driven)
+        last = crashed or arrived or self._cycle >= self._options.max_cycles or (self._ends_when_over and self._is_over)
+        end = "crash" if crashed else "arrived" if arrived else self._end
+        self._frame = Frame(time_ns, agents, actors, last, probe, end)
         return self._frame
 
     @property
@@ -302,6 +321,12 @@ class SimulatedEpisode:
         returns = np.zeros((len(actors), sensed.shape[1]), np.int64)
         returns[known] = sensed[order[place[known]]]
         return returns
+
+
+def _all_arrived(driven: Iterable[AgentFrame]) -> bool:
+    """Return whether there are driven cars, and all have reached their goals."""
+    cars = [agent.car for agent in driven]
+    return bool(cars) and all(car is not None and car.route.arrived for car in cars)
 
 
 def _acceleration(command: Command | None) -> float:

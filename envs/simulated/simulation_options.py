@@ -207,6 +207,7 @@ class SimulationOptions(PerceptionOptions):
         driven_agents: names of the connected cars that `control` is about; the traffic model drives the others. None:
             all of them.
         ends_on_crash: the episode terminates when one of these cars crashes.
+        ends_on_arrival: the episode terminates when all of these cars have reached their goals; rails have none.
         ground_truth: the objects that count: "visible" (hit by some agent's LiDAR) or "all".
         region_x_m: objects within this distance ahead of and behind the agent count.
         region_y_m: objects within this distance to its left and right count.
@@ -241,6 +242,7 @@ class SimulationOptions(PerceptionOptions):
     grip: float | None = None
     driven_agents: Sequence[str] | None = None
     ends_on_crash: bool = False
+    ends_on_arrival: bool = False
     ground_truth: Literal["visible", "all"] = "visible"
     signal_messages: bool = False
     record: str | Path | None = None
@@ -272,7 +274,7 @@ class SimulationOptions(PerceptionOptions):
 
     def _check_control(self) -> None:
         require_choice("control", self.control, CONTROLS)
-        require_flag(ends_on_crash=self.ends_on_crash)
+        require_flag(ends_on_crash=self.ends_on_crash, ends_on_arrival=self.ends_on_arrival)
         if self.traffic == "highway-env" and self.control in ("acceleration", "steering", "planner"):
             raise InvalidValueError(f'control="{self.control}" needs traffic="arrays", got traffic="highway-env"')
         if self.control == "planner":
@@ -287,8 +289,13 @@ class SimulationOptions(PerceptionOptions):
                 accepted = "names of connected cars, or None for all"
                 raise InvalidValueError(f"driven_agents must be {accepted}, got {driven!r}")
             object.__setattr__(self, "driven_agents", tuple(driven))
-        if self.control == "traffic" and (driven is not None or self.ends_on_crash):
-            name = "ends_on_crash" if driven is None else "driven_agents"
+        given = {
+            "driven_agents": driven is not None,
+            "ends_on_crash": self.ends_on_crash,
+            "ends_on_arrival": self.ends_on_arrival,
+        }
+        if self.control == "traffic" and any(given.values()):
+            name = next(name for name, is_given in given.items() if is_given)
             others = ", ".join(CONTROLS[1:])
             raise InvalidValueError(f"{name} needs cars that agents drive: accepted with control = {others}")
 

@@ -8,7 +8,6 @@ import queue
 import threading
 import traceback
 from abc import ABC, abstractmethod
-from collections import deque
 from collections.abc import Sequence
 
 from coopsim.envs.vector.environments import Description, EnvironmentGroup, Failure, Order, Reply
@@ -151,30 +150,22 @@ class WorkerPool(Pool):
                 worker.close()
 
     def _converse(self, round_: Round) -> None:
-        """Give each worker its share, then take a reply of each in turns."""
-        waiting: dict[int, deque[int]] = {}
+        """Give each worker its share, then take the replies of each."""
+        waiting: dict[int, list[int]] = {}
         for k, (share, indices) in round_.shares.items():
             worker = self._workers[k] or (self._replaced(k, round_) if round_.replace else None)
             if worker is not None:
                 worker.send(share)
-                waiting[k] = deque(indices)
-        while waiting:
-            for k, left in list(waiting.items()):
-                worker = self._workers[k]
-                assert worker is not None
-                try:
-                    round_.replies[left[0]] = worker.receive()
-                except WorkerDiedError as death:
-                    call = round_.orders[left[0]].call
-                    self._bury(k, f"the worker died ({death}) in a {call}\n", round_)
-                    left.clear()
-                except Exception as error:  # a content that cannot be unpickled here
-                    self._bury(k, "".join(traceback.format_exception(error)), round_)
-                    left.clear()
-                else:
-                    left.popleft()
-                if not left:
-                    del waiting[k]
+                waiting[k] = indices
+        for k, indices in waiting.items():
+            worker = self._workers[k]
+            assert worker is not None
+            try:
+                round_.replies.update(zip(indices, worker.receive(), strict=True))
+            except WorkerDiedError as death:
+                self._bury(k, f"the worker died ({death}) in a {round_.orders[indices[0]].call}\n", round_)
+            except Exception:  # a content that cannot be unpickled here
+                self._bury(k, traceback.format_exc(), round_)
 
     def _replaced(self, k: int, round_: Round) -> Worker | None:
         """Return a new worker for one that died; None if its environments cannot be made again."""

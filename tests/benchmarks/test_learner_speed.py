@@ -1,5 +1,7 @@
 """How many steps a second of one core learners get without LiDARs: one car among 20 vehicles, and 4, 12 and 42 agents.
 
+`coopsim/drive-v1` is among them, at the crossing with 20 vehicles, and in a drawn town with its usual traffic.
+
 Times are of the processor, not of the clock, so that other work on the machine counts less; the best of some turns is
 printed, too. Nothing here fails by time.
 """
@@ -14,6 +16,7 @@ import numpy as np
 import pytest
 
 import coopsim
+from coopsim.envs import DriveEnv
 from coopsim.envs.wrappers import DrivingRows, Flatten
 from coopsim.types import Tracks
 from coopsim.wire.actions import pack_tracks
@@ -75,3 +78,22 @@ def test_all_agents() -> None:
     print()
     for what, (place, crowd) in CROWDS.items():
         print_steps_per_s(what, stepping_all(coopsim.parallel_env(place, **DRIVEN | crowd)))
+
+
+def stepping_route(env: DriveEnv) -> Callable[[], None]:
+    """Return a step of a car that creeps along its route; when its drive is over, another one begins."""
+    env.reset(seed=0)
+
+    def step() -> None:
+        speed = env.parallel.world.fleet.rows["speed"][env.parallel.world.row_of("cav_0")]
+        *_, terminated, truncated, _ = env.step(np.float32([1.0 if speed < 2.0 else -1.0, 0.0]))
+        if terminated or truncated:
+            env.reset()
+
+    return step
+
+
+def test_routes() -> None:
+    print()
+    for what, options in (("crossing", {"vehicles": 20, "pedestrians": 0}), ("town", {"place_seed": 3})):
+        print_steps_per_s(f"coopsim/drive-v1, {what}", stepping_route(DriveEnv(place=what, **options)))

@@ -16,6 +16,7 @@ import psutil
 import pytest
 
 import coopsim
+from coopsim.envs import DriveEnv
 from coopsim.envs.wrappers import BevImage, FixedSize, Flatten
 from coopsim.types import Tracks
 from coopsim.wire.actions import pack_tracks
@@ -31,6 +32,7 @@ ROWS: dict[str, dict[str, Any]] = {
     "all agents, 32 x 1024 rays": {"lidar": "HDL-32E"},
     "one agent drives, rows in one array": {"lidar": None, "wrap": [FixedSize, Flatten], **ONE},
     "one agent drives, pictures": {"lidar": None, "wrap": BevImage, **ONE},
+    "coopsim/drive-v1": {"vehicles": 20, "pedestrians": 0},
 }
 
 IDLE = {"tracks": pack_tracks(Tracks.empty())}
@@ -62,10 +64,13 @@ def test_two_workers_against_the_calling_process(row: str) -> None:
 @contextmanager
 def stepped(workers: int, options: dict[str, Any]) -> Iterator[Iterator[None]]:
     """A vector that makes some steps at each turn; the first, which load and compile, are over."""
-    with coopsim.vector("crossing", COUNT, workers=workers, **BASE, **options) as vector:
-        vector.reset()
+    made = coopsim.vector("crossing", COUNT, workers=workers, **BASE, **options) if "lidar" in options else None
+    with made or coopsim.vector(_drive, COUNT, workers=workers, **options) as vector:
+        vector.reset(seed=0)
         actions: Any = np.zeros(COUNT, np.int64)
-        if "agents" not in options:
+        if made is None:
+            actions = np.tile(np.float32([-0.5, 0.0]), (COUNT, 1))
+        elif "agents" not in options:
             actions = [dict.fromkeys(agents, IDLE) for agents in vector.get_attr("agents")]
 
         def turns() -> Iterator[None]:
@@ -77,6 +82,10 @@ def stepped(workers: int, options: dict[str, Any]) -> Iterator[Iterator[None]]:
         endless = turns()
         next(endless)
         yield endless
+
+
+def _drive(**options: Any) -> DriveEnv:
+    return DriveEnv(place="crossing", **options)
 
 
 def cpu_s() -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -43,24 +44,32 @@ def drive(
     crashed: bool = False,
     limits: Callable[[float], float] = lambda x: 10.0,
     tracks: Callable[[float], Tracks] | None = None,
+    route: Callable[[float], Mapping[str, Any]] = lambda x: {},
+    state: Callable[[float], Mapping[str, Any]] = lambda x: {},
+    left: Callable[[float], tuple[bool, bool]] = lambda x: (False, False),
 ) -> DriveLog:
-    """Log a drive from x = 0 on with an acceleration in each step; `crashed`: in the last frame."""
+    """Log a drive from x = 0 on with an acceleration in each step; `crashed`: in the last frame.
+
+    `route`, `state` and `left` are further fields of `Route`, `CarState` and `DriveFrame` where the middle is at x.
+    """
     log, x = DriveLog(), 0.0
     before = 0.0
     for k, acceleration in enumerate([*accelerations, 0.0]):
         t, last = k * DT_S, k == len(accelerations)
         ways, legal = np.arange(101.0), np.array([limits(x + s) for s in range(101)])
-        route = Route(np.column_stack([ways, np.zeros(101)]), 1.0, legal, np.zeros(101, np.int64))
-        state = CarState(speed, before, LENGTH_M, WIDTH_M, crashed and last, route)
+        points, rights = np.column_stack([ways, np.zeros(101)]), np.zeros(101, np.int64)
+        way = Route(points, 1.0, legal, rights, lane_width_m=np.full(101, 4.0), **route(x))
+        car = CarState(speed, before, LENGTH_M, WIDTH_M, crashed and last, way, **state(x))
         truth, reported = _around(things, t, x)
         log.append(
             DriveFrame(
                 round(t * 1e9),
                 np.array([x, 0.0, 0.0]),
-                state,
+                car,
                 truth,
                 Tracks.empty() if last else tracks(t) if tracks else reported,
                 conflict_ids=tuple(number + 1 for number, each in enumerate(things) if each.conflicts),
+                left=left(x),
             )
         )
         after = max(speed + acceleration * DT_S, 0.0)

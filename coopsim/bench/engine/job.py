@@ -12,6 +12,7 @@ import time
 import traceback
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from functools import cache
 from typing import Any, ClassVar
 
@@ -27,6 +28,7 @@ from coopsim.bench.store.metric_spec import MetricSpec, keep_named
 from coopsim.bench.store.packages import package_versions
 from coopsim.catalog import PolicySpec
 from coopsim.episode import Recorder
+from coopsim.support.processes import cores, processor_name
 
 _ADDRESS = re.compile(r"\b0x[0-9a-f]{4,}")
 
@@ -169,7 +171,11 @@ def run_job(job: Job, recorders: Sequence[Recorder] = ()) -> Outcome:
     except Exception as error:  # a user's policy may raise anything, and the other cells go on
         result = CellResult(job.cell, traceback=traceback_of(error))
     seconds = time.perf_counter() - started
-    return Outcome(job, result, {"seconds": seconds, **circumstances()})
+    return Outcome(job, result, {"seconds": seconds, "ended": _now(), **circumstances()})
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def _evaluate(job: Job, recorders: Sequence[Recorder]) -> CellResult:
@@ -225,5 +231,6 @@ def circumstances() -> dict[str, Any]:
             **package_versions(),
         },
         "platform": platform.platform(),
+        "processor": f"{processor_name()}, {cores()} cores",
         "worker": f"{socket.gethostname()}:{os.getpid()}",
     }

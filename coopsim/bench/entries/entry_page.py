@@ -17,6 +17,7 @@ from coopsim.bench.report.formats import definitions, fill_page
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import Standing, standings
 from coopsim.bench.results.statistics import bootstrap_difference, holm, sign_flip_p_value
+from coopsim.bench.text.bench_text import WORST_CONDITION
 from coopsim.bench.text.forms import (
     BYTES_TITLE,
     difference_text,
@@ -94,7 +95,7 @@ class Board:
         ranked = {row.entry.name: row.ranking for row in rows if row.ranking is not None}
         if ranked:
             require_choice("baseline", baseline, ranked)
-        more = f"{SHOWN[0]} against {baseline}", "p", "worst", "worst in"
+        more = f"{SHOWN[0]} against {baseline}", "p", "worst", WORST_CONDITION
         heads = "rank", "entry", *SHOWN, *more, BYTES_TITLE
         kinds = {ranking["reads"] for ranking in ranked.values()}
         self._tables: dict[str, tuple[tuple[str, ...], list[tuple[str, ...]]]] = {

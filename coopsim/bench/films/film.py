@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from coopsim.bench.films.space import Solid, SpaceFrame
+from coopsim.bench.films.space_filming import SpaceFilming, seen_in
 from coopsim.episode import Episode, Recorder
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
@@ -71,6 +73,7 @@ class FilmFrame:
         tracks: tracks by the agent that reported them.
         lies: lies in the messages of the frame.
         lights: states of traffic lights, see `RoadMap`.
+        space: the frame in three dimensions; None: it was filmed from above alone.
     """
 
     time_ns: int
@@ -80,6 +83,7 @@ class FilmFrame:
     tracks: Mapping[str, Rows] = field(default_factory=dict)
     lies: Sequence[ShownLie] = ()
     lights: str = ""
+    space: SpaceFrame | None = None
 
     @classmethod
     def of(cls, frame: BevFrame, points: Mapping[str, Floats] | None = None) -> FilmFrame:
@@ -169,6 +173,7 @@ class Film:
         frames: F frames.
         arrived: senders of messages that reached each receiver, of F + 1 frames.
         drive: drive of a car; None: none was driven, or the episode did not end.
+        solids: meshes of the place, where the frames are in three dimensions.
     """
 
     dt_s: float
@@ -176,6 +181,7 @@ class Film:
     frames: Sequence[FilmFrame]
     arrived: Sequence[Mapping[str, frozenset[str]]] = ()
     drive: FilmedDrive | None = None
+    solids: Sequence[Solid] = ()
 
     def reached(self, receiver: str, frame: int) -> frozenset[str]:
         """Return the senders whose messages reached a receiver in a frame."""
@@ -188,21 +194,26 @@ class Filming(Recorder):
     Args:
         points: number of points of a frame; 0: none.
         of_each: film the points and messages of each agent, too.
+        space: number of points of each agent in three dimensions; 0: boxes alone; None: the film is from above alone.
     """
 
-    def __init__(self, points: int = POINTS, *, of_each: bool = False) -> None:
-        self._points, self._of_each = points, of_each
+    def __init__(self, points: int = POINTS, *, of_each: bool = False, space: int | None = None) -> None:
+        self._points, self._of_each, self._cloud = points, of_each, space
         self.frames: list[FilmFrame] = []
         self._arrived: list[Mapping[str, frozenset[str]]] = []
         self._delivered: dict[tuple[str, str], int] = {}
         self._drive: FilmedDrive | None = None
         self._dt_s, self._map = 0.0, RoadMap((), (), (), ())
+        self._space: SpaceFilming | None = None
+        self._logs: Mapping[str, TrackLog] = {}
 
     def begin(self, episode: Episode) -> None:
         env = episode.env
         self._cars = list(env.cars)
         self._receivers = self._cars or (list(episode.frame.agents) if self._of_each else [])
         self._dt_s, self._map = next(iter(env.agent_specs.values())).dt_s, env.road_map
+        self._space = None if self._cloud is None else SpaceFilming(env, self._cloud)
+        self._hear = self._receivers if self._space is None else list(episode.frame.agents)
 
     def on_step(self, episode: Episode) -> None:
         env = episode.env
@@ -212,7 +223,9 @@ class Filming(Recorder):
             name: thinned(env.bev_frame(agent=name or None).points, count) for name, count in clouds.items() if count
         }
         shown = FilmFrame.of(env.bev_frame(points=False), points)
-        self.frames.append(replace(shown, lights=env.road_map.lights))
+        space = None if self._space is None else self._space.frame(env)
+        self.frames.append(replace(shown, lights=env.road_map.lights, space=space))
+        self._logs = env.logs
         self._note_arrivals({link: each.delivered for link, each in env.link_counts.items()})
         if self._cars and not env.agents:
             self._drive = FilmedDrive.of(self._cars[0], env.records["drives"][self._cars[0]].drive, env.logs)
@@ -228,12 +241,19 @@ class Filming(Recorder):
         found = dict[str, list[str]]()
         for sender, receiver in links:
             found.setdefault(receiver, []).append(sender)
-        return {name: frozenset(found[name]) for name in self._receivers if name in found}
+        return {name: frozenset(found[name]) for name in self._hear if name in found}
 
     @property
     def film(self) -> Film:
         """The film so far."""
-        return Film(self._dt_s, self._map, self.frames, self._arrived, self._drive)
+        frames, solids = self.frames, tuple[Solid, ...]()
+        if self._space is not None and frames:
+            spaces = [each.space for each in frames if each.space is not None]
+            known = zip(spaces, seen_in(self._logs, len(frames)), strict=True)
+            spaces = [replace(space, seen=seen) for space, seen in known]
+            frames = [replace(frame, space=space) for frame, space in zip(frames, spaces, strict=True)]
+            solids = self._space.solids(spaces)
+        return Film(self._dt_s, self._map, frames, self._arrived, self._drive, solids)
 
 
 def thinned(points: Floats, count: int) -> Floats:

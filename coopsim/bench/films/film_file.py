@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.bench.films.film import Film, FilmedDrive, FilmFrame, Place, ShownLie
+from coopsim.bench.films.space import Solid, SpaceFrame
 from coopsim.errors import StoreError
 from coopsim.metrics.drive_log import Drive, ReportedTracks, WayAhead
 from coopsim.support.plain_arrays import read_npz
@@ -99,7 +100,8 @@ def _unpacked(value: Any, pools: Mapping[str, Callable[[int], NDArray[Any]]]) ->
 
 def _taking(array: NDArray[Any]) -> Callable[[int], NDArray[Any]]:
     """Return a function that returns the next rows of an array at each call; places of 32 bits get 64."""
-    wide, at = array.astype(np.float64) if array.dtype == np.float32 else array, 0
+    # In rows: kernels take no array with gaps.
+    wide, at = np.ascontiguousarray(array, np.float64 if array.dtype == np.float32 else array.dtype), 0
 
     def take(count: int) -> NDArray[Any]:
         nonlocal at
@@ -118,13 +120,15 @@ def _film(told: Mapping[str, Any]) -> Film:
             | {
                 "agents": {name: Place(*place) for name, place in frame["agents"].items()},
                 "lies": [ShownLie(*lie) for lie in frame["lies"]],
+                "space": SpaceFrame(**frame["space"]) if frame.get("space") else None,
             }
         )
         for frame in told["frames"]
     ]
     arrived = [{name: frozenset(senders) for name, senders in each.items()} for each in told["arrived"]]
     drive = told["drive"] and FilmedDrive(**told["drive"] | {"drive": _drive(told["drive"]["drive"])})
-    return Film(float(told["dt_s"]), RoadMap(**told["road_map"]), frames, arrived, drive)
+    solids = tuple(Solid(**each) for each in told.get("solids", ()))  # older films have none
+    return Film(float(told["dt_s"]), RoadMap(**told["road_map"]), frames, arrived, drive, solids)
 
 
 def _small(drive: Drive) -> Drive:

@@ -9,6 +9,7 @@ from itertools import groupby
 from coopsim.bench.engine.job import Job, Outcome, run_job
 from coopsim.bench.films.film import Filming
 from coopsim.bench.films.film_file import film_bytes
+from coopsim.bench.films.space import CLOUD_POINTS
 from coopsim.bench.grid.cell import Cell
 from coopsim.bench.grid.labels import disturbances
 
@@ -27,17 +28,19 @@ class FilmedJob(Job):
 
     Attributes:
         of_each: film the points and messages of each agent, too, which pairs with a lie show.
+        space: film in three dimensions, too.
     """
 
     of_each: bool = False
+    space: bool = False
 
     @classmethod
-    def like(cls, job: Job, *, of_each: bool) -> FilmedJob:
+    def like(cls, job: Job, *, of_each: bool, space: bool = False) -> FilmedJob:
         """Make the job that films the cell of another one."""
-        return cls(job.cell, job.options, job.policy, job.decided_by, job.metrics, job.isolation, of_each)
+        return cls(job.cell, job.options, job.policy, job.decided_by, job.metrics, job.isolation, of_each, space)
 
     def perform(self) -> Outcome:
-        filming = Filming(of_each=self.of_each)
+        filming = Filming(of_each=self.of_each, space=CLOUD_POINTS if self.space else None)
         outcome = run_job(self, (filming,))
         if outcome.result.failed:
             return outcome

@@ -120,7 +120,7 @@ class Grid:
             _require_distinct(group.given, [each if len(each) > 1 else each[0] for each in group.values])
         if len(self) > MOST_RUNS:
             raise InvalidValueError(
-                f"seeds, policies and conditions must make at most {MOST_RUNS:,} cells, got {len(self):,}"
+                f"seeds, policies and conditions must make at most {MOST_RUNS:,} runs, got {len(self):,}"
             )
 
     def __len__(self) -> int:

@@ -74,18 +74,19 @@ def mildest(conditions: Sequence[Condition]) -> tuple[Condition, ...]:
 
 def mildest_along(axis: Axis | None, conditions: Sequence[Condition]) -> list[int]:
     """Return the numbers of the conditions that are mildest on every axis but one."""
-    others = [each for each in varying_axes(conditions) if each != axis]
-    return [k for k, count in enumerate(_disturbed(conditions, others)) if not count]
+    others = tuple(each for each in varying_axes(conditions) if each != axis)
+    return [k for k, count in enumerate(_disturbed(tuple(conditions), others)) if not count]
 
 
 def disturbances(conditions: Sequence[Condition]) -> list[int]:
     """Return the number of axes on which each condition is not at the mildest value."""
-    return _disturbed(conditions, varying_axes(conditions))
+    return list(_disturbed(tuple(conditions), varying_axes(conditions)))
 
 
-def _disturbed(conditions: Sequence[Condition], axes: Sequence[Axis]) -> list[int]:
+@lru_cache(maxsize=32)
+def _disturbed(conditions: tuple[Condition, ...], axes: tuple[Axis, ...]) -> tuple[int, ...]:
     least = [min((each.value(condition) for condition in conditions), key=each.harm) for each in axes]
-    return [sum(each.value(one) != value for each, value in zip(axes, least, strict=True)) for one in conditions]
+    return tuple(sum(each.value(one) != value for each, value in zip(axes, least, strict=True)) for one in conditions)
 
 
 def name_of_cell(cell: Cell, conditions: Sequence[Condition]) -> str:

@@ -13,17 +13,17 @@ from coopsim.bench.grid.labels import mildest
 from coopsim.bench.paper.tables import short_names
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import Interval
-from coopsim.bench.text.bytes_axis import place_bytes
+from coopsim.bench.text.forms import name_of
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.built_in import BYTES, less_is_better
-from coopsim.support.svg import to_svg
+from coopsim.metrics.built_in import BYTES, is_yes_no, less_is_better
+from coopsim.viz.charts import GREY, PAGE_IN, Look, limit_height, looks, place_bytes, to_svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_SIZE_IN = (7.0, 4.6)
-_LABEL_PT, _MARKER_PT = 7.0, 6.0
+_SIZE_IN = (PAGE_IN, 4.6)
+_LABEL_PT, _MARKER_PT = 7.5, 6.0
 _LINE_HEIGHT = 1.25
 _FAR, _ENOUGH = 3.0, 5
 """So many interquartile ranges beside the middle half of the values one is far; fewer values have none that is."""
@@ -31,20 +31,23 @@ _FAR, _ENOUGH = 3.0, 5
 _NAMES_DECADES = 0.8
 """Room for names to the right of the last tick."""
 
+_NAMED_SCENARIOS = 3
+"""Most scenarios whose names stand above the figure."""
+
 _LEAST_SAMPLES = 3
 """The interval of fewer is wider than the figure."""
 
-_LOOKS: Mapping[str, tuple[str, str, str]] = {
-    "none": ("nothing", "X", "0.35"),
-    "detections": ("boxes", "o", "#0072b2"),
-    "tracks": ("tracks", "^", "#009e73"),
-    "queries": ("queries", "P", "#cc79a7"),
-    "features": ("features", "s", "#e69f00"),
-    "points": ("points", "D", "#56342c"),
+_SENT: Mapping[str, tuple[str, str]] = {
+    "none": ("nothing", "X"),
+    "detections": ("boxes", "o"),
+    "tracks": ("tracks", "^"),
+    "queries": ("queries", "P"),
+    "features": ("features", "s"),
+    "points": ("points", "D"),
 }
-"""Words, markers and colours by what is sent: told apart by shape in grey, and by any eye in colour."""
+"""Words and markers by what is sent; colours are those of the policies."""
 
-_OTHER = ("", "o", "0.6")
+_OTHER = ("", "o")
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +55,7 @@ class _Point:
     """A policy in the figure."""
 
     name: str
+    look: Look
     sends: str
     bytes_per_s: float
     value: Interval
@@ -81,22 +85,25 @@ class _Point:
 def trade_off(table: ResultTable, metric: str, sends: Mapping[str, str]) -> str:
     """Plot a metric against the bytes per second that an agent broadcasts as SVG, with a marker for each policy.
 
-    Both are means in the mildest conditions, or over all if the grid lacks that corner; whiskers are 95 % intervals
-    over seeds, or over drawn places, where there are three. A policy that sends nothing stands on the left, apart from
-    the logarithmic scale; one far above or below the others stands at the edge, with its number. Dashes are the Pareto
-    front: the policies that no other beats in both. `sends` is the content that is broadcast, by policy
-    (`Needs.uplink`).
+    Both are means where nothing disturbs, or as little as was run, or over all conditions if the grid lacks that
+    corner; bars are 95 % intervals over seeds, or over drawn places, where there are three. A policy that sends nothing
+    stands on the left, apart from the logarithmic scale; one far above or below the others stands at the edge, with its
+    number. Dashes are the Pareto front: the policies that no other beats in both. `sends` is the content that is
+    broadcast, by policy (`Needs.uplink`).
     """
     points = _points(table, metric, sends)
     less = less_is_better(metric)
 
     def draw(figure: Figure) -> None:
         panel = figure.subplots()
-        panel.set(xlabel="bytes a second that an agent broadcasts", ylabel=metric)
-        panel.set_title(f"{', '.join(table.scenarios)}: mean over {table.samples.text}", fontsize=9)
-        panel.grid(alpha=0.25)
+        panel.set(xlabel="bytes a second that an agent broadcasts", ylabel=name_of(metric))
+        many = len(table.scenarios) > _NAMED_SCENARIOS
+        where = f"{len(table.scenarios)} environments" if many else ", ".join(table.scenarios)
+        panel.set_title(f"{where}: mean over {table.samples.text}")
         if points:
             _draw_points(panel, points, less)
+            if is_yes_no(metric):
+                limit_height([panel], from_zero=True)
             _label(figure, panel, points)
 
     return to_svg(draw, *_SIZE_IN)
@@ -106,9 +113,9 @@ def _points(table: ResultTable, metric: str, sends: Mapping[str, str]) -> list[_
     """Return the policies that have values, by rising bytes."""
     calm = [table.conditions.index(each) for each in mildest(table.conditions)] or list(range(len(table.conditions)))
     rates = known_mean(table.values(BYTES)[:, calm], axis=1)
-    names = short_names(table)
+    names, styles = short_names(table), looks(table.policies)
     found = [
-        _Point(names[policy], sends.get(policy, ""), float(rate), table.mean(metric, k, calm))
+        _Point(names[policy], styles[policy], sends.get(policy, ""), float(rate), table.mean(metric, k, calm))
         for k, (policy, rate) in enumerate(zip(table.policies, known_mean(rates, axis=1), strict=True))
     ]
     known = [each for each in found if not (math.isnan(each.bytes_per_s) or math.isnan(each.value.mean))]
@@ -144,18 +151,18 @@ def _draw_points(panel: Any, points: Sequence[_Point], less: bool) -> None:
     front = pareto_front([each.bytes_per_s for each in points], means, less)
     steps = {"drawstyle": "steps-post", "color": "0.45", "lw": 1, "zorder": 1}  # more bytes bring nothing in between
     panel.plot([places[k] for k in front], [points[k].shown for k in front], "--", **steps)
-    shown = set[str]()
+    shown: dict[str, str] = {}
     for place, point in zip(places, points, strict=True):
-        word, marker, color = _LOOKS.get(point.sends, _OTHER)
-        panel.errorbar(
-            place, point.shown, np.reshape(point.whiskers, (2, 1)), color="0.55", lw=0.8, capsize=2, zorder=2
-        )
-        look = {"marker": marker, "ms": _MARKER_PT, "mfc": color, "mec": "black", "mew": 0.7, "ls": ""}
-        label = word if word and word not in shown else "_"
-        panel.plot(place, point.shown, label=label, zorder=3, **look)
-        shown.add(word)
+        below, above = point.whiskers
+        color, bar = point.look.color, (point.shown - below, point.shown + above)
+        panel.vlines(place, *bar, color=color, alpha=0.4, lw=1.4, zorder=2)
+        word, marker = _SENT.get(point.sends, _OTHER)
+        panel.plot(place, point.shown, marker=marker, ms=_MARKER_PT, color=color, mec="white", mew=0.5, ls="", zorder=3)
+        shown |= {word: marker} if word else {}
+    for word, marker in shown.items():
+        panel.plot([], [], marker=marker, ms=_MARKER_PT, color=GREY, ls="", label=f"sends {word}")
     panel.plot([], [], "--", color="0.45", lw=1, label="Pareto front")
-    panel.legend(fontsize=7, frameon=False, loc="lower right", title="what is sent", title_fontsize=7)
+    panel.legend(loc="lower right")
 
 
 def _label(figure: Figure, panel: Any, points: Sequence[_Point]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,7 @@ from coopsim.bench.grid.axis import ATTACKS
 from coopsim.bench.grid.labels import varying_axes
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.standings import compare_with_best
-from coopsim.bench.safety.lie_costs import COSTS, attacked
+from coopsim.bench.safety.lie_costs import COSTS, attacked, lie_costs
 from coopsim.bench.safety.paired import (
     Change,
     Pairing,
@@ -25,12 +25,14 @@ from coopsim.bench.safety.paired import (
     changes_along,
     compare_runs,
     is_gain,
+    kinds_of,
 )
 from coopsim.bench.text.forms import difference_text, form_of, format_value, interval_beside
 from coopsim.metrics.built_in import BYTES, all_metrics, is_yes_no, less_is_better
 
 _FOUND = ("APBEV", "mAP", "AP")  # how metrics of detection begin
 _OTHERS = 4  # names in a sentence
+_STEPS = 3  # numbers in it
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,11 +67,19 @@ def answer_of(table: ResultTable) -> Answer | None:
     sharing = [k for k in competing if k != alone]
     changes = {k: change(table, k, calm(table), metric, _pairing(metric)) for k in sharing} if alone is not None else {}
     known = {k: found for k, found in changes.items() if found is not None}
-    if known:
-        sign = 1.0 if less_is_better(metric) else -1.0
-        best = min(known, key=lambda k: sign * known[k].change.mean)
-        return _shared(table, metric, best, known)
-    return _ranked(table, metric, competing)
+    if not known:
+        return _ranked(table, metric, competing)
+    sign = 1.0 if less_is_better(metric) else -1.0
+    best = min(known, key=lambda k: sign * known[k].change.mean)
+    shared = _shared(table, metric, best, known)
+    if [axis.option for axis in varying_axes(table.conditions)] != [ATTACKS]:
+        return shared
+    lied = list(_lied(table, metric, best))
+    if not lied:
+        return shared
+    worst = max(lied, key=lambda each: sign * each[1].change.mean)
+    points = [("While nobody lies", shared.verdict), *shared.points]
+    return Answer("What can a liar do?", _harm(*worst, metric, _harmful(table, best)), tuple(points))
 
 
 def _pairing(metric: str) -> Pairing:
@@ -83,6 +93,7 @@ def _shared(table: ResultTable, metric: str, best: int, known: dict[int, Change]
     assert alone is not None, "there is a change"
     policy = found.policy + f", the best of {len(known)} policies," * (len(known) > 1)
     points = [
+        *_kinds(table, metric, best),
         *_pair("Other policies", _others(table, metric, best, known)),
         *_pair("What it costs", "; ".join(_costs(table, best))),
         *_limits(table, metric, best),
@@ -100,6 +111,16 @@ def _shared(table: ResultTable, metric: str, best: int, known: dict[int, Change]
         text += f" over {table.samples.text}" * (found.pairs > 1)
     begin = _verdict(found, metric) if found.pairs > 1 else f"In {table.samples.text}, which shows little"
     return Answer(question, f"{begin}: {text}.", tuple(points))
+
+
+def _kinds(table: ResultTable, metric: str, policy: int) -> Iterator[tuple[str, str]]:
+    """Yield what messages change in drives as traffic has them, and in those made to need messages."""
+    for kind, conditions in kinds_of(table) if metric == CRASH else ():
+        found = change(table, policy, conditions)
+        if found is not None:
+            text = f"a car alone crashes in {found.alone:.1f} % of {found.pairs} drives, with messages in "
+            text += f"{found.sharing:.1f} %: {difference_text(found.change, '.1f')} points"
+            yield from _pair(f"Drives {kind}", text)
 
 
 def _verdict(found: Change, metric: str) -> str:
@@ -161,23 +182,73 @@ def _limits(table: ResultTable, metric: str, policy: int) -> Iterator[tuple[str,
 
 
 def _limit(found: Sequence[tuple[str, Change]], metric: str) -> str:
-    form = ".0f" if is_yes_no(metric) else form_of(metric)
-    steps = ", ".join(f"{difference_text(each.change, form)} at {text}" for text, each in found)
-    shown = [text for text, each in found if is_gain(each, metric)]
+    form = _form(metric)
+    shown = [k for k, (_, each) in enumerate(found) if is_gain(each, metric)]
+    told = _telling_steps(len(found), shown)
+    steps = ", ".join(f"{difference_text(found[k][1].change, form)} at {found[k][0]}" for k in told)
     if len(shown) == len(found):
         return f"The gain holds: {steps}."
-    return f"A gain is shown at {_joined(shown)} alone: {steps}." if shown else f"No gain is shown: {steps}."
+    names = [found[k][0] for k in shown]
+    return f"A gain is shown at {_joined(names)} alone: {steps}." if shown else f"No gain is shown: {steps}."
 
 
-def _lies(table: ResultTable, metric: str, policy: int) -> Iterator[str]:
-    """Yield what each attack changes, against the same runs while nobody lies."""
+def _telling_steps(count: int, shown: Sequence[int]) -> list[int]:
+    """Choose steps along an axis for a sentence: the first, those at which the gain ends, and the last."""
+    if count <= _STEPS:
+        return list(range(count))
+    ends = {shown[-1], shown[-1] + 1} if shown else set()
+    return sorted({0, *(each for each in ends if each < count - 1), count - 1})
+
+
+def _form(metric: str) -> str:
+    return ".0f" if is_yes_no(metric) else form_of(metric)
+
+
+def _lied(table: ResultTable, metric: str, policy: int) -> Iterator[tuple[str, Change]]:
+    """Yield each attack with what it changes, against the same runs while nobody lies."""
     values, pairs = table.values(metric)[policy], _pairing(metric)
     for attack, honest, conditions in attacked(table):
         before, after = (pairs(table, values, each) for each in (honest, conditions))
         found = compare_runs(table.policies[policy], before, after, metric)
         if found is not None:
-            form, unit = (".0f", " points") if is_yes_no(metric) else (form_of(metric), "")
-            yield f"with {attack} {metric} changes by {difference_text(found.change, form)}{unit}"
+            yield attack, found
+
+
+def _lies(table: ResultTable, metric: str, policy: int) -> Iterator[str]:
+    costs = _harmful(table, policy)
+    for attack, found in _lied(table, metric, policy):
+        unit = " points" * is_yes_no(metric)
+        text = f"with {attack} {metric} changes by {difference_text(found.change, _form(metric))}{unit}"
+        yield ", ".join([text, *costs.get(attack, ())])
+
+
+def _harmful(table: ResultTable, policy: int) -> dict[str, list[str]]:
+    """Return by attack what a lie is shown to cost a driven car besides crashes."""
+    found = {each.attack: each.costs for each in lie_costs(table) if each.policy == table.policies[policy]}
+    return {
+        attack: [
+            f"{COSTS[name]} {difference_text(each.change, form_of(name))}"
+            for name, each in costs.items()
+            if (each.change.low > 0 if less_is_better(name) else each.change.high < 0)
+        ]
+        for attack, costs in found.items()
+    }
+
+
+def _harm(attack: str, found: Change, metric: str, costs: Mapping[str, Sequence[str]]) -> str:
+    """Say what the worst attack does to the policy that messages help most."""
+    form, difference = _form(metric), difference_text(found.change, _form(metric))
+    harms = found.change.low > 0 if less_is_better(metric) else found.change.high < 0
+    begin = "It does harm" if harms else "No harm is shown"
+    costly = next(((name, texts) for name, texts in costs.items() if texts), None)
+    if costly and not harms:
+        return f"No more crashes are shown, but under {costly[0]} the car pays: {_joined(costly[1])} an episode."
+    if metric != CRASH:
+        values = f"{metric} is {format_value(found.sharing, form)} instead of {format_value(found.alone, form)}"
+        return f"{begin}: under {attack}, {values} with {found.policy}, a difference of {difference}."
+    rates = f"crashes in {found.sharing:.0f} % instead of {found.alone:.0f} % of {found.pairs} episodes"
+    counts = f"{found.more} crashes caused, {found.less} avoided, a difference of {difference} points"
+    return f"{begin}: under {attack}, the car {rates} with {found.policy}: {counts}."
 
 
 def _ranked(table: ResultTable, metric: str, competing: Sequence[int]) -> Answer:

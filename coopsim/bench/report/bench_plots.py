@@ -3,75 +3,102 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from coopsim.bench.grid.axis import Axis
 from coopsim.bench.grid.labels import mildest_along, values_of, varying_axes
+from coopsim.bench.paper.tables import short_names
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.support.svg import line_style, name_ticks, to_svg
+from coopsim.bench.text.forms import name_of
+from coopsim.metrics.built_in import is_yes_no
+from coopsim.viz.charts import (
+    COLUMN_IN,
+    PAGE_IN,
+    draw_series,
+    fit_beside,
+    label_ends,
+    legend_below,
+    limit_height,
+    looks,
+    name_ticks,
+    to_svg,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_COLUMNS, _HEIGHT_IN, _ROW_IN = 3, 2.7, 2.1
 
-def plots(table: ResultTable, metric: str) -> dict[str, str]:
-    """Plot a metric against every axis that varies, with a panel for each scenario. Return SVG by file name.
 
-    File names are as `sAMOTA_latency.svg`. All other axes are at their mildest value. Whiskers are 95 % intervals over
-    seeds, or over drawn places.
+def plots(table: ResultTable, metric: str, *, together: bool = False) -> dict[str, str]:
+    """Plot a metric against every axis that varies. Return SVG by file name.
+
+    There is a panel for each scenario, in files such as `sAMOTA_latency.svg`; or, `together`, one panel for the mean
+    over all, in files such as `crash_over_latency.svg`. All other axes are where they disturb least. Bars are 95 %
+    intervals over seeds, or over drawn places.
 
     Raises:
         UnknownNameError: there is no such metric.
     """
     table.values(metric)  # which knows the name
+    parts = [None] if together else list(table.scenarios)
     return {
-        f"{metric}_{axis.title.replace(' ', '_')}.svg": _plot(table, metric, axis)
+        f"{metric}{'_over' * together}_{axis.title.replace(' ', '_')}.svg": _plot(table, metric, axis, parts)
         for axis in varying_axes(table.conditions)
+        if len({axis.value(table.conditions[k]) for k in mildest_along(axis, table.conditions)}) > 1 or not together
     }
 
 
-def _plot(table: ResultTable, metric: str, axis: Axis) -> str:
-    count = len(table.scenarios)
+def _plot(table: ResultTable, metric: str, axis: Axis, scenarios: Sequence[str | None]) -> str:
+    """Draw a panel for each scenario; None stands for all of them together."""
+    columns = min(len(scenarios), _COLUMNS)
+    rows = math.ceil(len(scenarios) / columns)
+    height_in = _HEIGHT_IN if rows == 1 else _ROW_IN * rows + 0.6
+    short, styles = short_names(table), looks(table.policies)
+    names = {short[policy]: look for policy, look in styles.items()}
 
     def draw(figure: Figure) -> None:
-        panels = figure.subplots(1, count, sharey=True, squeeze=False)[0]
-        for panel, scenario in zip(panels, table.scenarios, strict=True):
+        panels = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
+        for panel, scenario in zip(panels, scenarios, strict=False):
             _panel(panel, table, metric, axis, scenario)
-            panel.set(title=scenario, xlabel=axis.label)
-        panels[0].set_ylabel(metric)
-        panels[0].legend(fontsize=9, frameon=False)
+            panel.set(title=scenario or "", xlabel=axis.label)
+        for panel in panels[len(scenarios) :]:
+            panel.set_axis_off()
+        limit_height(panels[: len(scenarios)], from_zero=is_yes_no(metric))
+        for panel in panels[::columns]:
+            panel.set_ylabel(name_of(metric))
+        if axis.named or not fit_beside(list(names)):
+            legend_below(figure, names, lines=not axis.named)
+        else:
+            last = panels[columns - 1]
+            lines = [each for each in last.get_lines() if each.get_zorder() == 3]
+            ends = [(*each, *line.get_xydata()[-1]) for each, line in zip(names.items(), lines, strict=True)]
+            label_ends(last, ends, height_in / rows - 0.6)
 
-    return to_svg(draw, 1.2 + 3.4 * count, 3.2)
+    return to_svg(draw, COLUMN_IN if len(scenarios) == 1 else PAGE_IN, height_in)
 
 
-def _panel(panel: Any, table: ResultTable, metric: str, axis: Axis, scenario: str) -> None:
-    values = table.values(metric)
-    steps = sorted(
-        (axis.value(table.conditions[k]), k)
-        for k in mildest_along(axis, table.conditions)
-        if table.conditions[k].scenario == scenario
-    )
-    names = values_of(axis, [table.conditions[k] for _, k in steps])
-    chosen = [(float(list(names).index(value) if axis.named else value), k) for value, k in steps]
+def _panel(panel: Any, table: ResultTable, metric: str, axis: Axis, scenario: str | None) -> None:
+    chosen = mildest_along(axis, table.conditions)
+    here = [k for k in chosen if scenario in (None, table.conditions[k].scenario)]
+    names = values_of(axis, [table.conditions[k] for k in here])
+    known = [value for value in names if not isinstance(value, str) and math.isfinite(value)]
+    # No limit stands to the right of the largest value, on a logarithmic axis.
+    endless = not axis.named and len(known) < len(names)
+    shown = list(known) + [4 * max(known) if known else 1.0] * endless
+    places = np.arange(len(names), dtype=float) if axis.named else np.array(shown)
+    for number, look in enumerate(looks(table.policies).values()):
+        steps = [[k for k in here if axis.value(table.conditions[k]) == value] for value in names]
+        found = [table.mean(metric, number, conditions) for conditions in steps]
+        ends = np.array([(each.low, each.high) for each in found]).reshape(-1, 2)
+        shift = 0.06 * (number - (len(table.policies) - 1) / 2) if axis.named else 0.0
+        draw_series(panel, places + shift, np.array([each.mean for each in found]), ends, look, lines=not axis.named)
     if axis.named:
         name_ticks(panel, list(names.values()))
-    known = [value for value, _ in chosen if math.isfinite(value)]
-    # No limit stands to the right of the largest value, on a logarithmic axis.
-    endless = len(known) < len(chosen)
-    places = [value if math.isfinite(value) else (4 * max(known) if known else 1.0) for value, _ in chosen]
-    for number, policy in enumerate(table.names.values()):
-        intervals = [table.interval(metric, values[number, k]) for _, k in chosen]
-        means = np.array([each.mean for each in intervals])
-        whiskers = np.array([each.whiskers for each in intervals]).T
-        style, color = line_style(number)
-        # Matplotlib leaves out labels that begin with an underscore.
-        name = f" {policy}" if policy.startswith("_") else policy
-        look = {"fmt": "o" if axis.named else f"o{style}", "color": color, "ms": 3, "capsize": 2, "lw": 1.2}
-        panel.errorbar(places, means, whiskers, label=name, **look)
-    if endless:
+    elif endless:
         panel.set_xscale("log")
-        panel.set_xticks(places, [f"{value:g}" if math.isfinite(value) else axis.endless for value, _ in chosen])
+        panel.set_xticks(places, list(names.values()))
         panel.minorticks_off()
-    panel.grid(alpha=0.25)

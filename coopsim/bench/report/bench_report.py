@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from coopsim.bench.films.crash_pairs import CRASH
 from coopsim.bench.grid.labels import label, values_of, varying_axes
 from coopsim.bench.report.answer import Answer, answer_of
 from coopsim.bench.report.bench_tables import condition_table, failures, leaderboard
 from coopsim.bench.report.crashes_page import crashes_section
 from coopsim.bench.report.film_data import DRAWING
-from coopsim.bench.report.film_section import FilmSection, sections_html
+from coopsim.bench.report.film_section import FilmSection, space_of, split_lead
 from coopsim.bench.report.formats import definitions, fill_page
 from coopsim.bench.report.scene import Scene
+from coopsim.bench.report.space_data import SPACE_SCRIPTS
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.text.bench_text import COUNTS_TITLE, METHODS_TITLE
 from coopsim.bench.text.forms import interval_kinds
 from coopsim.metrics.built_in import BYTES, all_metrics, less_is_better
 from coopsim.support.files import write_whole
+from coopsim.viz.charts import looks
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +44,10 @@ class About:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Played:
-    """Films that a report plays, by section, and lines on those that are missing."""
+    """Films that a report plays, by section, and lines on those that are missing.
+
+    The first one stands below the answer.
+    """
 
     sections: Sequence[FilmSection] = ()
     notes: Sequence[str] = ()
@@ -74,11 +80,17 @@ def render_bench_report(
     `scene` of runs to watch side by side, the sections "From above", "Reward over time" and "Cameras".
     """
     shown, played, answer = table.shown, played or Played(), answer_of(table)
+    lead, others = split_lead(played.sections)
+    space = scene.space if scene else space_of(played.sections)
     return fill_page(
         "bench.html",
-        style=("page.css", "bench.css"),
-        script=("bev.js", "curves.js", "bench.js", *(["scene.js"] if scene else [])),
-        data={**_data(table, played), **({"scene": scene.data()} if scene else {})},
+        style=("page.css", "bench.css", *(["space.css"] if space else [])),
+        script=("bev.js", "curves.js", "bench.js", *(["scene.js"] if scene else []), *(SPACE_SCRIPTS if space else [])),
+        data={
+            **_data(table, played),
+            **({"scene": scene.data()} if scene else {}),
+            **({"space": space.data()} if space else {}),
+        },
         title=title_of_report(about.title, answer),
         summary=_summary(table),
         answer=answer.html() if answer else "",
@@ -90,19 +102,26 @@ def render_bench_report(
         interval=_interval_note(table),
         scene=scene.html() if scene else "",
         crashes=crashes_section(table),
-        films=sections_html(played.sections, played.notes),
+        lead=lead,
+        films=others,
+        notes="".join(f'<p class="note">{html.escape(note)}</p>' for note in played.notes),
         tables="".join(
             f"<details{' open' * (k == 0)}><summary>{html.escape(label(condition, table.conditions))}</summary>"
             f"{condition_table(table, k)}</details>"
             for k, condition in enumerate(table.conditions)
         ),
-        methods=f"<h2>{METHODS_TITLE}</h2>{definitions(table.methods)}" if table.methods else "",
-        counted=f"<h2>{COUNTS_TITLE}</h2>{definitions(table.counted)}" if table.counted else "",
-        failures=failures(table),
+        methods=_section(METHODS_TITLE, definitions(table.methods) if table.methods else ""),
+        counted=_section(COUNTS_TITLE, definitions(table.counted) if table.counted else ""),
+        failures=_section("Failed runs", failures(table)),
         meaning=definitions({name: each.definition for name, each in all_metrics().items() if name in (*shown, BYTES)}),
         settings=definitions(about.settings),
         command=f"<pre>{html.escape(about.command)}</pre>" if about.command else "",
     )
+
+
+def _section(title: str, content: str) -> str:
+    """Return a section; empty without content."""
+    return f"<section><h2>{title}</h2>{content}</section>\n" if content else ""
 
 
 def title_of_report(title: str, answer: Answer | None) -> str:
@@ -144,8 +163,13 @@ def _data(table: ResultTable, played: Played) -> dict[str, Any]:
     values = [list(each) for each in texts]
     scenarios = table.scenarios
     metrics = [*table.shown, *([BYTES] if BYTES in table.metrics else [])]
+    at = [
+        tuple(each.index(axis.value(condition)) for axis, each in zip(axes, values, strict=True))
+        for condition in table.conditions
+    ]
     return {
         "policies": list(table.names.values()),
+        "looks": [[each.color, each.dash, each.marker] for each in looks(table.policies).values()],
         "scenarios": scenarios,
         "metrics": [{"name": name, "less": less_is_better(name)} for name in table.shown],
         "axes": [
@@ -160,26 +184,32 @@ def _data(table: ResultTable, played: Played) -> dict[str, Any]:
             for axis, each in zip(axes, texts, strict=True)
         ],
         "conditions": [
-            {
-                "scenario": scenarios.index(condition.scenario),
-                "at": [each.index(axis.value(condition)) for axis, each in zip(axes, values, strict=True)],
-            }
-            for condition in table.conditions
+            {"scenario": scenarios.index(condition.scenario), "at": list(place)}
+            for condition, place in zip(table.conditions, at, strict=True)
         ],
-        "values": {name: _intervals(table, name) for name in metrics},
+        "values": {name: _intervals(table, name, [[k] for k in range(len(at))]) for name in metrics},
+        "pooled": _pooled(table, metrics, at) if len(scenarios) > 1 else None,
         "bytes": BYTES,
+        "bounds": [k for k, name in enumerate(table.policies) if name in table.bounds],
         "drawing": dict(DRAWING),
         "pairs": played.data(),
     }
 
 
-def _intervals(table: ResultTable, metric: str) -> list[list[list[float | None]]]:
-    """Return mean, low and high, by policy and condition."""
-    rows = []
-    for policy in table.values(metric):
-        intervals = [table.interval(metric, seeds) for seeds in policy]
-        rows.append([[_json(value) for value in (each.mean, each.low, each.high)] for each in intervals])
-    return rows
+def _pooled(table: ResultTable, metrics: Iterable[str], at: Sequence[tuple[int, ...]]) -> dict[str, Any]:
+    """Return means over scenarios, by what is the same of their conditions."""
+    groups: dict[tuple[int, ...], list[int]] = {}
+    for k, place in enumerate(at):
+        groups.setdefault(place, []).append(k)
+    noun = "situations" if CRASH in table.metrics else "environments"
+    values = {name: _intervals(table, name, list(groups.values())) for name in metrics}
+    return {"name": f"{len(table.scenarios)} {noun}", "at": [list(place) for place in groups], "values": values}
+
+
+def _intervals(table: ResultTable, metric: str, groups: Sequence[Sequence[int]]) -> list[list[list[float | None]]]:
+    """Return mean, low and high, by policy and group of conditions."""
+    means = [[table.mean(metric, policy, group) for group in groups] for policy in range(len(table.policies))]
+    return [[[_json(value) for value in (each.mean, each.low, each.high)] for each in row] for row in means]
 
 
 def _json(value: float) -> float | None:

@@ -10,7 +10,7 @@ from coopsim.bench.grid.labels import name_of_cell, short_label
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.standings import Standing, standings
 from coopsim.bench.results.statistics import Interval
-from coopsim.bench.text.bench_text import LEAST_DISTURBED
+from coopsim.bench.text.bench_text import CLEAN, WORST_CONDITION
 from coopsim.bench.text.forms import BYTES_TITLE, form_of, format_value, interval_beside, title_of
 from coopsim.metrics.built_in import BYTES, all_metrics, less_is_better
 
@@ -26,11 +26,11 @@ def leaderboard(table: ResultTable, metric: str) -> str:
     several, calm = len(table.conditions) > 1, any(not math.isnan(entry.undisturbed) for entry in entries)
     low, high = _span(entries)
     form = form_of(metric)
-    heads = [("rank", ""), ("policy", "about"), (metric, ""), ("", "about")]
+    heads = [("rank", ""), ("policy", "about"), (metric, ""), ("95 %", "about")]
     if several:
-        heads += [(LEAST_DISTURBED, "")] * calm + [("worst", "")]
+        heads += [(CLEAN, "")] * calm + [("worst", "")]
     heads += [(BYTES_TITLE, "")] * (BYTES in table.metrics) + [("runs", "")]
-    heads += [("worst with", "about")] * several
+    heads += [(WORST_CONDITION, "about")] * several
     rows = []
     for entry in entries:
         cells = [
@@ -55,7 +55,6 @@ def leaderboard(table: ResultTable, metric: str) -> str:
 def condition_table(table: ResultTable, condition: int) -> str:
     """Return all shown metrics of every policy in one condition; the best of each is marked."""
     metrics = [*table.shown, *([BYTES] if BYTES in table.metrics else [])]
-    heads = [("policy", "about"), *((title_of(name), "") for name in metrics)]
     columns = []
     for name in metrics:
         form = form_of(name)
@@ -69,11 +68,18 @@ def condition_table(table: ResultTable, condition: int) -> str:
                 for each, mean in zip(intervals, means, strict=True)
             ]
         )
-    rows = [
-        f"<tr>{_cell(html.escape(name), None, 'about')}{''.join(column[k] for column in columns)}</tr>"
-        for k, name in enumerate(table.names.values())
+    names, titles = list(table.names.values()), [title_of(name) for name in metrics]
+    if len(metrics) > len(names):  # the longer list goes down: a page is not as wide
+        return _table([("metric", "about"), *((name, "") for name in names)], _rows(titles, columns))
+    by_policy = [[column[k] for column in columns] for k in range(len(names))]
+    return _table([("policy", "about"), *((title, "") for title in titles)], _rows(names, by_policy))
+
+
+def _rows(names: Sequence[str], cells: Sequence[Sequence[str]]) -> list[str]:
+    return [
+        f"<tr>{_cell(html.escape(name), None, 'about')}{''.join(row)}</tr>"
+        for name, row in zip(names, cells, strict=True)
     ]
-    return _table(heads, rows)
 
 
 def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], texts: int = 1) -> str:
@@ -87,13 +93,13 @@ def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], texts: int =
 
 
 def failures(table: ResultTable) -> str:
-    """Return the failed cells with their tracebacks, folded."""
+    """Return the failed runs with their tracebacks, folded; empty without any."""
     parts = []
     for result in table.failures:
         name = name_of_cell(result.cell, table.conditions)
         summary = f"{html.escape(name)}: <code>{html.escape((result.reason or '')[:200])}</code>"
         parts.append(f"<details><summary>{summary}</summary><pre>{html.escape(result.traceback or '')}</pre></details>")
-    return "".join(parts) or '<p class="note">No run failed.</p>'
+    return "".join(parts)
 
 
 def _best(shown: Sequence[str], metric: str) -> str | None:
@@ -160,9 +166,9 @@ def _table(heads: Sequence[tuple[str, str]], rows: Sequence[str], sortable: bool
         if name in metrics:
             attributes += f' title="{html.escape(metrics[name].definition)}"'
         text = html.escape(name)
-        cells.append(f"<th{attributes}>{f'<button>{text}</button>' if sortable and name else text}</th>")
+        cells.append(f'<th scope="col"{attributes}>{f"<button>{text}</button>" if sortable else text}</th>')
     css = ' class="sortable"' if sortable else ""
     return (
-        f'<div class="scroll"><table{css}><thead><tr>{"".join(cells)}</tr></thead>'
+        f'<div class="scroll" tabindex="0"><table{css}><thead><tr>{"".join(cells)}</tr></thead>'
         f"<tbody>{''.join(rows)}</tbody></table></div>"
     )

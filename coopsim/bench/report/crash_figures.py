@@ -13,6 +13,7 @@ from coopsim.bench.grid.labels import label
 from coopsim.bench.report.film_data import frame_data, home_of, map_data, only, place_data, rows_data, tracks_data
 from coopsim.bench.report.film_section import Figure, Panel
 from coopsim.bench.report.keys import FALSE_NOTE, SCENE
+from coopsim.bench.report.space_data import pair_view
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.safety.pair_clip import outcome
 from coopsim.geometry.se3 import Floats
@@ -48,7 +49,16 @@ def crash_figure(runs: Runs, table: ResultTable) -> Figure:
         "eye": (_eye(runs) - home).round(1).tolist(),
         "sides": [_side(run, first_s, last_s, home) for run in runs],
     }
-    return Figure(f"{where}: {met}", [_panel(run, first_s) for run in runs], data)
+    frames = np.flatnonzero((alone.drive.time_s > first_s - 1e-6) & (alone.drive.time_s < last_s + 1e-6))
+    labels, films = [run.cell.policy for run in runs], [run.film for run in runs]
+    space = pair_view(labels, films, alone.agent, int(frames[0]), int(frames[0]) + _frames(runs))
+    return Figure(f"{where}: {met}", [_panel(run, first_s) for run in runs], data, space)
+
+
+def _frames(runs: Runs) -> int:
+    """Return the number of frames that are shown."""
+    first_s, last_s = _window(runs)
+    return max(int(((run.drive.time_s > first_s - 1e-6) & (run.drive.time_s < last_s + 1e-6)).sum()) for run in runs)
 
 
 def _panel(run: Recording, first_s: float) -> Panel:

@@ -11,8 +11,8 @@ from coopsim.bench.report.bench_tables import text_table
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.results.statistics import Interval
 from coopsim.bench.safety.lie_costs import CRASH_HEADS, cost_heads, cost_rows, crash_rows
-from coopsim.bench.safety.safety_plots import crash_plots
 from coopsim.bench.safety.safety_text import (
+    ALL_SITUATIONS,
     CHANGE_HEADS,
     change_rows,
     crash_rate,
@@ -25,9 +25,9 @@ from coopsim.bench.safety.safety_text import (
 _NOTE = """<p class="note">Episodes in which the driven car crashed, where nothing disturbs, or as little as was run,
 with Wilson's 95 % intervals and their number n.</p>"""
 
-_CHANGES_NOTE = """<p class="note">Against the policy that sends nothing, with the same seeds. <i>Avoided</i>: alone it
-crashes, with messages it does not; <i>caused</i>: the other way round. p is McNemar's, corrected for all rows by Holm's
-method.</p>"""
+_CHANGES_NOTE = """<p class="note">Against the policy that sends nothing, with the same seeds. <i>Avoided</i>: without
+messages it crashes, with them it does not; <i>caused</i>: the other way round. p is McNemar's, corrected for all rows
+by Holm's method.</p>"""
 
 _PRICES_NOTE = """<p class="note">Mean per episode, with messages minus without, and 95 % intervals.</p>"""
 
@@ -48,15 +48,24 @@ def crashes_section(table: ResultTable) -> str:
     parts = [
         "<section><h2>Crashes</h2>",
         matrix_html(table) + _NOTE,
-        f"<h3>What messages change</h3>{text_table(CHANGE_HEADS, changes, texts=2)}{_CHANGES_NOTE}" if changes else "",
+        f"<h3>What messages change</h3>{_changes(changes)}{_CHANGES_NOTE}" if changes else "",
         f"<h3>What messages cost</h3>{text_table(price_heads(table), prices)}{_PRICES_NOTE}" if prices else "",
         *(f"<h3>Under {html.escape(axis.title)}</h3>{text_table(heads, rows)}" for axis, heads, rows in gone),
         _GONE_NOTE if gone else "",
         f"<h3>What lies cost</h3>{text_table(CRASH_HEADS, lies, texts=2)}{_LIES_NOTE}" if lies else "",
         text_table(cost_heads(table), costs, texts=2) if costs else "",
-        f'<div class="figures">{"".join(crash_plots(table).values())}</div></section>',
+        "</section>",
     ]
     return "".join(parts)
+
+
+def _changes(rows: list[list[str]]) -> str:
+    """Return the changes over all situations as a table, and those in each, folded."""
+    whole = [row for row in rows if row[1] == ALL_SITUATIONS]
+    if not whole:
+        return text_table(CHANGE_HEADS, rows, texts=2)
+    each = text_table(CHANGE_HEADS, [row for row in rows if row[1] != ALL_SITUATIONS], texts=2)
+    return f"{text_table(CHANGE_HEADS, whole, texts=2)}<details><summary>In each situation</summary>{each}</details>"
 
 
 def matrix_html(table: ResultTable) -> str:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from coopsim.bench.report.keys import keys_html
+from coopsim.bench.report.space_data import SpaceView, space_html
 
 _PLAYER = (
     '<div class="player"><button>Play</button><input type="range" min="0" value="0" aria-label="frame" '
-    'autocomplete="off"><output></output></div>'
+    'autocomplete="off"><output aria-live="off"></output></div>'
 )
 
 
@@ -32,6 +33,8 @@ class Panel:
     def html(self, side: int) -> str:
         """Return the panel as HTML."""
         name = html.escape(self.name)
+        told = [text for _, text in self.moments or ()]
+        alternative = html.escape(". ".join([f"{self.name}, from above", *filter(None, [self.about]), *told]))
         buttons = "".join(
             f'<button class="moment" data-s="{at_s:.3f}">{html.escape(text)}</button>'
             for at_s, text in self.moments or ()
@@ -39,17 +42,18 @@ class Panel:
         moments = "" if self.moments is None else f'<div class="moments">{buttons}</div>'
         return (
             f'<div><p><b>{name}</b> <span class="dim">{html.escape(self.about)}</span></p>'
-            f'<canvas data-side="{side}" role="img" aria-label="{name}, from above"></canvas>{moments}</div>'
+            f'<canvas data-side="{side}" role="img" aria-label="{alternative}"></canvas>{moments}</div>'
         )
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """Two runs side by side, and their plain data for the page's script."""
+    """Two runs side by side, their plain data for the page's script, and in three dimensions if they were filmed so."""
 
     caption: str
     panels: Sequence[Panel]
     data: dict[str, Any]
+    space: SpaceView | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,28 +65,43 @@ class FilmSection:
     keys: Sequence[str]
     figures: Sequence[Figure]
 
-    def html(self, first: int) -> str:
-        """Return the section; `first` is the number of its first figure's data in the page."""
+    def html(self, first: int, *, lead: bool = False) -> str:
+        """Return the section; `first` is the number of its first figure's data in the page.
+
+        In the `lead` of a page the words stand below the figure, which plays in three dimensions, too, as far as it was
+        filmed so.
+        """
         if not self.figures:
             return ""
         figures = "".join(
             f'<figure class="clip" data-pair="{first + k}">'
-            f"<figcaption>{k + 1}. {html.escape(each.caption)}</figcaption>"
+            f"<figcaption>{html.escape(each.caption)}</figcaption>"
             f'<div class="pair">{"".join(panel.html(side) for side, panel in enumerate(each.panels))}</div>'
-            f"{_PLAYER}</figure>"
+            f"{_PLAYER}{space_html(each.space if lead else None)}</figure>"
             for k, each in enumerate(self.figures)
         )
-        note = f'<p class="note">{self.note}</p>'
-        return f"<section><h2>{self.title}</h2>{note}{keys_html(self.keys)}{figures}</section>"
+        note, keys = f'<p class="note">{self.note}</p>', keys_html(self.keys)
+        parts = (figures, keys, note) if lead else (note, keys, figures)
+        return f"<section><h2>{self.title}</h2>{''.join(parts)}</section>"
 
 
-def sections_html(sections: Iterable[FilmSection], notes: Iterable[str]) -> str:
-    """Return sections as HTML, and lines on films that are missing."""
-    return "".join([*_numbered(sections), *(f'<p class="note">{html.escape(note)}</p>' for note in notes)])
+def space_of(sections: Iterable[FilmSection]) -> SpaceView | None:
+    """Return the first figure's view in three dimensions; of the others' a page has no room, for some MB each."""
+    return next((each.figures[0].space for each in sections if each.figures), None)
 
 
-def _numbered(sections: Iterable[FilmSection]) -> Iterator[str]:
-    first = 0
+def split_lead(sections: Sequence[FilmSection]) -> tuple[str, str]:
+    """Return the first figure of all as a section of its own, and the others, as HTML."""
+    known = [each for each in sections if each.figures]
+    if not known:
+        return "", ""
+    first = known[0]
+    lead = replace(first, title="One pair of runs", figures=first.figures[:1]).html(0, lead=True)
+    rest = [replace(first, figures=first.figures[1:]), *known[1:]]
+    return f'<div id="lead">{lead}</div>\n', "".join(_numbered(rest, 1))
+
+
+def _numbered(sections: Iterable[FilmSection], first: int) -> Iterator[str]:
     for each in sections:
         yield each.html(first)
         first += len(each.figures)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from coopsim.viz import palette
+
 _WORDS = {
     "truth": "object that is there",
     "ego": "the agent that the picture is about",
@@ -18,6 +20,17 @@ _WORDS = {
     "stated": "the liar, with a line to where its message says it is",
 }
 
+_COLORS = {
+    "truth": palette.TRUTH,
+    "ego": palette.AGENT,
+    "agent": palette.CONNECTED,
+    "track": palette.TRACK,
+    "hidden": palette.TRUTH,  # of its ring, which is white in the views: they are dark, and the page may be light
+    "known": palette.TRACK,
+    "told": palette.CONNECTED,
+}
+"""Colours of marks, as in the views."""
+
 SCENE = ("truth", "ego", "agent", "track", "false")
 """Marks of every view."""
 
@@ -27,5 +40,11 @@ of what is measured, and pictures draw them thin, grey and crossed out."""
 
 def keys_html(names: Iterable[str]) -> str:
     """Return the legend with marks of these names."""
-    keys = "".join(f'<span class="key"><i class="{name}"></i>{_WORDS[name]}</span>' for name in names)
+    keys = "".join(f'<span class="key"><i class="{name}"{_style(name)}></i>{_WORDS[name]}</span>' for name in names)
     return f'<div class="keys">{keys}</div>'
+
+
+def _style(name: str) -> str:
+    color = _COLORS.get(name)
+    filled = f";background:rgb{color}" * (name == "ego")
+    return "" if color is None else f' style="border-color:rgb{color}{filled}"'

@@ -11,6 +11,7 @@ from coopsim.bench.grid.labels import label
 from coopsim.bench.report.film_data import frame_data, home_of, map_data, only, place_data, rows_data, tracks_data
 from coopsim.bench.report.film_section import Figure, Panel
 from coopsim.bench.report.keys import SCENE
+from coopsim.bench.report.space_data import pair_view
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.bench.text.forms import form_of
 from coopsim.geometry.se3 import Floats
@@ -40,7 +41,8 @@ def lie_figure(filmed: FilmedLie, table: ResultTable) -> Figure:
         "map": map_data(attacked.road_map, home),
         "sides": [_side(film, filmed, home) for film in (filmed.honest, attacked)],
     }
-    return Figure(f"{where}: {_cost(pair)}", panels, data)
+    space = pair_view(["Honest", "Attacked"], [filmed.honest, attacked], pair.receiver, filmed.first, filmed.last)
+    return Figure(f"{where}: {_cost(pair)}", panels, data, space)
 
 
 def _cost(pair: LiePair) -> str:

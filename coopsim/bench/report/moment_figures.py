@@ -7,6 +7,7 @@ from coopsim.bench.grid.labels import label
 from coopsim.bench.report.film_data import frame_data, home_of, map_data, only, tracks_data
 from coopsim.bench.report.film_section import Figure, Panel
 from coopsim.bench.report.keys import FALSE_NOTE
+from coopsim.bench.report.space_data import pair_view
 from coopsim.bench.results.result_table import ResultTable
 from coopsim.types import NS_PER_S
 
@@ -38,4 +39,5 @@ def moment_figure(filmed: FilmedMoment, table: ResultTable) -> Figure:
             for film in (filmed.worst, filmed.best)
         ],
     }
-    return Figure(f"{names[0]} against {names[1]}: {where}", panels, data)
+    space = pair_view(names, [filmed.worst, filmed.best], filmed.agent, moment.first, moment.last)
+    return Figure(f"{names[0]} against {names[1]}: {where}", panels, data, space)

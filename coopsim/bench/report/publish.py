@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from coopsim.bench.films.choice import Films
 from coopsim.bench.films.crash_pairs import CRASH, filmed_pairs, telling_pairs
@@ -24,7 +25,6 @@ from coopsim.bench.report.bench_report import About, Played, title_of_report, wr
 from coopsim.bench.report.film_section import FilmSection
 from coopsim.bench.report.keys import SCENE
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.safety.safety_plots import crash_plots
 from coopsim.bench.safety.safety_text import to_safety_markdown
 from coopsim.bench.text.bench_text import to_csv, to_markdown
 from coopsim.bench.text.lies_text import to_lies_markdown
@@ -33,6 +33,9 @@ from coopsim.metrics.built_in import BYTES
 from coopsim.metrics.metric import PRIMARY_METRIC
 from coopsim.support.checks import require_count
 from coopsim.support.files import make_folder, write_whole
+
+_MACHINE = ("processor", "platform")
+"""Names of what runs note of their machine."""
 
 _UNITS: Mapping[str, str] = {"_ms": "ms", "_mbit_s": "Mbit/s", "_deg": "deg", "_m": "m"}
 """Units by the endings of names."""
@@ -43,6 +46,7 @@ def publish(
     results: Sequence[CellResult],
     provenance: Provenance | None = None,
     *,
+    circumstances: Sequence[Mapping[str, Any]] = (),
     title: str = "",
     metrics: Sequence[str] = (),
     clips: int = 5,
@@ -54,12 +58,13 @@ def publish(
 
     Where agents lied, `lies.md` is written, too. Where cars were driven, `safety.md` and figures of crash rates are,
     and the report has telling pairs in place of the worst moments. Nothing is run: clips are of the films that the
-    runs kept. Equal results with equal films give equal files. Return the paths.
+    runs kept. Equal results with equal films and circumstances give equal files. Return the paths.
 
     Args:
         folder: folder of the files, made if need be.
         results: results of every cell, failed ones included.
         provenance: provenance of the results' grid.
+        circumstances: what was noted of each run, for its date and machine in the report (`Store.all_circumstances`).
         title: title of the report; empty: the question that the benchmark asks.
         metrics: metrics of `report.md`, whose leaderboard is by the first one, and of the files for papers.
         clips: largest number of clips of the worst moments, and of pairs with a lie.
@@ -74,7 +79,7 @@ def publish(
     """
     require_count(0, clips=clips, pairs=pairs)
     table, folder, origin = ResultTable.of(results, metrics), Path(folder), provenance or Provenance()
-    about, answer = _about(origin, title), answer_of(table)
+    about, answer = _about(origin, title, circumstances), answer_of(table)
     heading, verdict = title_of_report(title, answer), answer.verdict if answer else ""
     contents = {
         folder / "report.md": to_markdown(table, heading, metrics, verdict),
@@ -88,7 +93,9 @@ def publish(
         contents |= {folder / "lies.md": to_lies_markdown(table)}
     if CRASH in table.metrics:
         contents |= {folder / "safety.md": to_safety_markdown(table)}
-        contents |= {folder / "plots" / name: text for name, text in crash_plots(table).items()}
+        figures = plots(table, CRASH, together=True)
+        figures |= {f"{CRASH}_over_bytes.svg": trade_off(table, CRASH, origin.sends)} if BYTES in table.metrics else {}
+        contents |= {folder / "plots" / name: text for name, text in figures.items()}
     report = folder / "report.html"
     _require_within(folder, (report, *contents))
     for parent in {path.parent for path in contents}:
@@ -110,15 +117,16 @@ def played_films(table: ResultTable, metrics: Sequence[str], clips: int, pairs: 
         return Played(notes=[_missing(len(competing), len(competing))] if several and competing else ())
     filmed = ResultTable.of(kept, metrics)
     lies = [lie_figures.lie_figure(each, table) for each in filmed_lies(lie_pairs(filmed, clips), films)]
-    sections = [FilmSection("Lies", lie_figures.NOTE, lie_figures.KEYS, lies)]
+    sections = []
     if CRASH in table.metrics:
         crashes = filmed_pairs(telling_pairs(filmed, pairs), films)
         figures = [crash_figures.crash_figure(each, table) for each in crashes]
-        sections.append(FilmSection("Telling pairs", crash_figures.NOTE, crash_figures.KEYS, figures))
+        sections.append(FilmSection("Without and with messages", crash_figures.NOTE, crash_figures.KEYS, figures))
     else:
         moments = filmed_moments(worst_windows(filmed, clips), films)
         figures = [moment_figures.moment_figure(each, table) for each in moments]
         sections.append(FilmSection("Worst moments", moment_figures.NOTE, SCENE, figures))
+    sections.append(FilmSection("Lies", lie_figures.NOTE, lie_figures.KEYS, lies))
     unfilmed = len(competing) - len(kept)
     return Played(sections, [*films.notes, *([_missing(unfilmed, len(competing))] if unfilmed else [])])
 
@@ -128,8 +136,8 @@ def _missing(count: int, of: int) -> str:
     return f"{some}: `coopsim bench` of the same grid with --retry-unfilmed runs them again"
 
 
-def _about(provenance: Provenance, title: str) -> About:
-    """Describe a grid for its report: its lists and options, and versions."""
+def _about(provenance: Provenance, title: str, circumstances: Sequence[Mapping[str, Any]]) -> About:
+    """Describe a grid for its report: its lists and options, versions, and when and where it ran."""
     grid, software = provenance.grid, provenance.software
     lists = {name: grid[name] for name in LISTS if grid.get(name, [None]) != [None]}
     settings = {_with_unit(name): ", ".join(map(_short, values)) for name, values in lists.items()}
@@ -138,7 +146,19 @@ def _about(provenance: Provenance, title: str) -> About:
     settings |= {name: str(value) for name, value in grid.get("options", {}).items()}
     if software:
         settings["versions"] = ", ".join(f"{name} {number}" for name, number in software.items())
-    return About(title, provenance.command, settings)
+    settings |= {"commit": provenance.commit} if provenance.commit else {}
+    return About(title, provenance.command, settings | _ran(circumstances))
+
+
+def _ran(circumstances: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """Say on which days and machines runs ended, as far as they noted it."""
+    days = sorted({str(each["ended"])[:10] for each in circumstances if "ended" in each})
+    machines = {", ".join(str(each[name]) for name in _MACHINE if name in each): None for each in circumstances}
+    known = [each for each in machines if each]
+    return {
+        **({"date": " to ".join(dict.fromkeys((days[0], days[-1])))} if days else {}),
+        **({"machine": "; ".join(known)} if known else {}),
+    }
 
 
 def _with_unit(name: str) -> str:

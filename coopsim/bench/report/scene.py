@@ -18,6 +18,7 @@ from coopsim.bench.films.film import FilmFrame, Rows
 from coopsim.bench.report.film_data import frame_data, home_of, map_data, tracks_data
 from coopsim.bench.report.formats import template
 from coopsim.bench.report.keys import FALSE_NOTE, SCENE, keys_html
+from coopsim.bench.report.space_data import SpaceView, space_html
 from coopsim.geometry.se3 import Floats
 from coopsim.types import NS_PER_S
 from coopsim.world.snapshot import RoadMap
@@ -46,6 +47,7 @@ class Scene:
         runs: at least one.
         cameras: images (H, W, 3) uint8 by agent and camera, of one moment; may be empty.
         camera_time_ns: time of that moment.
+        space: the runs in three dimensions; None: they were filmed from above alone.
     """
 
     dt_s: float
@@ -54,11 +56,12 @@ class Scene:
     runs: Sequence[SceneRun]
     cameras: Mapping[str, Mapping[str, NDArray[np.uint8]]] = field(default_factory=dict)
     camera_time_ns: int = 0
+    space: SpaceView | None = None
 
     def html(self) -> str:
         """Return the sections of the page that `scene.js` fills, and the images."""
         return Template(template("scene.html")).substitute(
-            cameras=self._mosaic(), keys=keys_html(SCENE), false_note=FALSE_NOTE
+            space=space_html(self.space), cameras=self._mosaic(), keys=keys_html(SCENE), false_note=FALSE_NOTE
         )
 
     def data(self) -> dict[str, Any]:

@@ -142,7 +142,7 @@ def compare_results(
         for metric in chosen:
             rows += _differences(name, metric, mine, sample_of, unmatched)
     if not rows:
-        raise InvalidValueError(f"no pair of cells has a value of {' or '.join(chosen)} on both sides")
+        raise InvalidValueError(f"no pair of runs has a value of {' or '.join(chosen)} on both sides")
     return Comparison(_corrected(rows), len(matched), tuple(unmatched), samples)
 
 

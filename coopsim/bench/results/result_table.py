@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -59,6 +59,7 @@ class ResultTable:
         places: place of each result in the arrays.
         samples: independent samples that the seeds make.
         asked: metrics that reports begin with; the first one ranks.
+        bounds: policies that were told the truth: upper bounds, which stand in every table and do not compete.
     """
 
     policies: tuple[str, ...]
@@ -70,6 +71,8 @@ class ResultTable:
     places: tuple[tuple[int, int, int], ...]
     samples: Samples
     asked: tuple[str, ...] = ()
+    bounds: frozenset[str] = frozenset()
+    _known: dict[str, Floats] = field(default_factory=dict, repr=False)  # values that were asked for before
 
     @property
     def arithmetics(self) -> tuple[str, ...]:
@@ -80,7 +83,7 @@ class ResultTable:
     def caution(self) -> str:
         """Warning where networks multiplied in several arithmetics; empty where in one."""
         several = " and ".join(self.arithmetics) if len(self.arithmetics) > 1 else ""
-        return several and f"Networks multiplied in {several}: differences between cells may come from that."
+        return several and f"Networks multiplied in {several}: differences between runs may come from that."
 
     @classmethod
     def of(cls, results: Sequence[CellResult], asked: Sequence[str] = ()) -> ResultTable:
@@ -115,6 +118,7 @@ class ResultTable:
             tuple((policies[cell.policy], conditions[cell.condition], seeds[cell.seed]) for cell in cells),
             samples_of(ordered, tuple(seeds)),
             tuple(asked),
+            frozenset(result.cell.policy for result in ordered if result.bound),
         )
 
     def columns(self, condition: Condition | None) -> dict[str, Any]:
@@ -128,12 +132,15 @@ class ResultTable:
         return finished
 
     def values(self, metric: str) -> Floats:
-        """Return the values (P, C, S) of a metric; NaN where a cell failed, is missing, or has no finite value."""
+        """Return the values (P, C, S) of a metric, to read; NaN where a run failed, lacks, or has no finite value."""
         if metric not in self.metrics:
             raise UnknownNameError("metric", metric, self.metrics)
-        values = self._filled([result.values.get(metric, np.nan) for result in self.results])
-        values[np.isinf(values)] = np.nan  # a mean could not include it
-        return values
+        if metric not in self._known:
+            values = self._filled([result.values.get(metric, np.nan) for result in self.results])
+            values[np.isinf(values)] = np.nan  # a mean could not include it
+            values.setflags(write=False)
+            self._known[metric] = values
+        return self._known[metric]
 
     def whole(self, metric: str, conditions: Sequence[int] | None = None) -> NDArray[np.bool_]:
         """Return the mask (P,) of policies that can be compared: each cell finished, with a value where any policy has.
@@ -200,11 +207,6 @@ class ResultTable:
         return {result.cell.policy: result.method for result in self.results if result.method}
 
     @property
-    def bounds(self) -> frozenset[str]:
-        """The policies that were told the truth: upper bounds, which stand in every table and do not compete."""
-        return frozenset(result.cell.policy for result in self.results if result.bound)
-
-    @property
     def names(self) -> dict[str, str]:
         """The policies' names as tables show them, by policy: bounds are marked."""
         return {policy: named(policy, bound=policy in self.bounds) for policy in self.policies}
@@ -221,8 +223,7 @@ class ResultTable:
 
     def _filled(self, numbers: Sequence[float]) -> Floats:
         filled = np.full((len(self.policies), len(self.conditions), len(self.seeds)), np.nan)
-        for place, number in zip(self.places, numbers, strict=True):
-            filled[place] = number
+        filled[tuple(np.array(self.places).T)] = numbers
         return filled
 
 

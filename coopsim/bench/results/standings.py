@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -48,7 +49,8 @@ def standings(table: ResultTable, metric: str) -> tuple[Standing, ...]:
     """Rank all policies, the best first and those without a rank last."""
     values = table.values(metric)
     rates = table.values(BYTES) if BYTES in table.metrics else np.full(values.shape, math.nan)
-    entries = [_standing(table, k, metric, values[k], rates[k]) for k in range(len(table.policies))]
+    failed = Counter(result.cell.policy for result in table.failures)
+    entries = [_standing(table, k, metric, values[k], rates[k], failed[name]) for k, name in enumerate(table.policies)]
     whole = [k for k in np.flatnonzero(table.whole(metric)).tolist() if table.policies[k] not in table.bounds]
     order = sorted(whole, key=lambda k: entries[k].mean.mean * (1 if less_is_better(metric) else -1))
     means = [entries[k].mean.mean for k in order]
@@ -56,16 +58,14 @@ def standings(table: ResultTable, metric: str) -> tuple[Standing, ...]:
     return (*ranked, *(entry for k, entry in enumerate(entries) if k not in whole))
 
 
-def _standing(table: ResultTable, policy: int, metric: str, values: Floats, rates: Floats) -> Standing:
+def _standing(table: ResultTable, policy: int, metric: str, values: Floats, rates: Floats, failed: int) -> Standing:
     by_condition = known_mean(values, axis=1)
     calm = [table.conditions.index(each) for each in mildest(table.conditions)]
     worst = None
     if not np.isnan(by_condition).all():
         worst = int(np.nanargmax(by_condition) if less_is_better(metric) else np.nanargmin(by_condition))
-    name = table.policies[policy]
-    failed = sum(result.cell.policy == name for result in table.failures)
     return Standing(
-        policy=name,
+        policy=table.policies[policy],
         rank=None,
         mean=table.mean(metric, policy, range(len(table.conditions))),
         undisturbed=float(known_mean(by_condition[calm], axis=0)),

@@ -19,14 +19,13 @@ from coopsim.bench.safety.panel import (
     TRACK,
     Panel,
     View,
-    font_of,
-    on_halo,
     width_of,
     wrapped,
 )
 from coopsim.geometry.se3 import Floats
 from coopsim.types.taxonomy import CLASS_NAMES
 from coopsim.viz import palette
+from coopsim.viz.from_above import font_of, on_halo
 
 SIZE_PX = (1280, 720)
 

@@ -17,6 +17,7 @@ from coopsim.bench.results.statistics import CONFIDENCE, Interval, bootstrap_dif
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.built_in import is_yes_no, less_is_better
 from coopsim.support.rng import stream
+from coopsim.world.situations.situation import SITUATIONS
 
 _RESAMPLES = 2000
 """Resamples of a rank correlation: its interval has two digits."""
@@ -120,6 +121,20 @@ def calm(table: ResultTable, scenario: str | None = None) -> list[int]:
     """Return the numbers of the mildest condition of every scenario, or of one."""
     chosen = [table.conditions.index(each) for each in mildest(table.conditions)]
     return [k for k in chosen if scenario in (None, table.conditions[k].scenario)]
+
+
+MADE, DRAWN = "made to need messages", "as traffic has them"
+"""Kinds of drives: calibrated situations, and all others."""
+
+
+def kinds_of(table: ResultTable) -> list[tuple[str, list[int]]]:
+    """Return the kinds of drives in a table, with their mildest conditions; empty where all are of one kind."""
+    chosen: dict[str, list[int]] = {DRAWN: [], MADE: []}
+    for k in calm(table):
+        name = table.conditions[k].scenario.partition("(")[0]
+        made = name in SITUATIONS and SITUATIONS.get(name).calibrated
+        chosen[MADE if made else DRAWN].append(k)
+    return list(chosen.items()) if all(chosen.values()) else []
 
 
 def along(table: ResultTable, axis: Axis) -> list[tuple[str, list[int]]]:

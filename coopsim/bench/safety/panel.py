@@ -5,25 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from coopsim.bench.films.recording import Recording
-from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
 from coopsim.viz import palette
-from coopsim.viz.bev import SCALE_BAR_M, outlines
-from coopsim.world.places.signals import stop_bars
+from coopsim.viz.bev import SCALE_BAR_M
+from coopsim.viz.from_above import FromAbove, box_of, font_of, on_halo, outlines
 
 FINE = 2
 """Pixels drawn for each pixel shown, along either axis."""
 
-BODY, HIDDEN, KNOWN = (92, 98, 107), (226, 230, 236), (255, 122, 66)
+BODY, HIDDEN, KNOWN = (92, 98, 107), palette.HIDDEN, palette.TRACK
 """Colours of bodies, and of what the car must not touch: while it does not know of it, and once it does."""
 
-TOLD, TRACK, BRAKE, CRASH = (92, 200, 255), palette.TRACK, (255, 64, 64), (255, 84, 84)
+TOLD, TRACK, BRAKE, CRASH = palette.CONNECTED, palette.TRACK, (255, 64, 64), palette.CRASH
+_WAY: palette.RGB = (128, 112, 66)
 """Colours of messages, of reported tracks, of brake lights and of a crash."""
 
 _LEAST_PX = 4.5
@@ -73,138 +72,80 @@ class Panel:
     """A view of a recording, drawn for any moment."""
 
     def __init__(self, recording: Recording, view: View, size_px: tuple[int, int]) -> None:
-        self._recording, self._view, self._size = recording, view, size_px
-        self._scale = FINE * min(size_px) / view.span_m
-        self._ground = self._draw_ground()
-        self._bars = stop_bars(recording.film.road_map.stop_lines, palette.BAR_M)
+        self._recording, self._size = recording, size_px
+        self._px_per_m = min(size_px) / view.span_m
+        self._above = FromAbove(recording.film.road_map, view.center_m, self._px_per_m, size_px, FINE)
 
     def draw(self, time_s: float) -> Image.Image:
         """Draw the run at a time since the episode's start; after its last frame it stands still."""
-        record = self._recording
+        record, above = self._recording, self._above
         now = record.at(time_s)
-        fine = self._ground.copy()
-        draw = ImageDraw.Draw(fine)
-        for bar, letter in zip(self._bars, record.lights_at(time_s), strict=False):
-            draw.polygon(self._pixels(bar), palette.LIGHT[letter])
-        self._dots(draw, record.points_at(time_s))
-        self._way(draw, now.way)
+        above.begin()
+        above.lights(record.film.road_map.stop_lines, record.lights_at(time_s))
+        above.points(record.points_at(time_s))
+        for start, end in zip(now.way[:-1:4], now.way[2::4], strict=False):
+            above.line(np.stack([start, end]), _WAY)
         for body in now.bodies:
-            self._body(draw, body, BODY)
+            above.shape(self._corners(body), BODY)
         for body, known in now.conflicts:
-            self._body(draw, body, KNOWN if known else None, None if known else HIDDEN)
-            self._ring(draw, body[:2], KNOWN if known else HIDDEN, (13,))
+            above.shape(self._corners(body), KNOWN if known else None, None if known else HIDDEN, 1.5)
+            above.ring(body[:2], KNOWN if known else HIDDEN, 13)
         for body in now.false_tracks:
-            self._false(draw, body)
+            above.false(outlines(box_of(body))[0])
         for body in now.tracks:
-            self._body(draw, body, None, TRACK, grow_m=0.35)
+            above.shape(self._corners(body, grow_m=0.35), None, TRACK, 1.5)
         for place in now.agents.values():
-            self._ring(draw, place, palette.AGENT, (5, 9))
-        self._car(draw, now.car, now.acceleration_m_s2)
+            for radius_px in (5, 9):
+                above.ring(place, palette.CONNECTED, radius_px)
+        self._car(now.car, now.acceleration_m_s2)
         for sender, age_s in record.arrivals(time_s, _SHOWN_S):
             if sender in now.agents:
-                self._message(draw, now.agents[sender], now.car[:2], 1 - age_s / _SHOWN_S)
+                self._message(now.agents[sender], now.car[:2], 1 - age_s / _SHOWN_S)
         if record.events.crash_s is not None and time_s >= record.events.crash_s - 1e-9:
-            self._burst(draw, now.car)
-        shown = fine.reduce(FINE)
-        self._words(ImageDraw.Draw(shown), now.agents)
+            self._burst(now.car)
+        for name, place in now.agents.items():
+            above.write(name, place, (12, -20), palette.CONNECTED)
+        return self._scaled(above.done())
+
+    def _scaled(self, shown: Image.Image) -> Image.Image:
+        """Add the bar of the scale."""
+        draw, left, bottom = ImageDraw.Draw(shown), 14, self._size[1] - 16
+        draw.line((left, bottom, left + SCALE_BAR_M * self._px_per_m, bottom), palette.TEXT, 3)
+        on_halo(draw, (left, bottom - 22), f"{SCALE_BAR_M:.0f} m", palette.TEXT, 14)
         return shown
 
-    def _draw_ground(self) -> Image.Image:
-        ground = Image.new("RGB", (FINE * self._size[0], FINE * self._size[1]), palette.BACKGROUND)
-        draw = ImageDraw.Draw(ground)
-        for name, color in palette.MAP.items():
-            for polygon in getattr(self._recording.film.road_map, name):
-                draw.polygon(self._pixels(polygon), color)
-        return ground
+    def _corners(self, body: Floats, grow_m: float = 0.0) -> Floats:
+        """Return the outline (4, 2) of a body (5,), wider by `grow_m` on each side, and large enough to be seen."""
+        grown = body.copy()
+        grown[2:4] = np.maximum(body[2:4], 2 * _LEAST_PX / self._px_per_m) + 2 * grow_m
+        return outlines(box_of(grown))[0]
 
-    def _pixels(self, points: Floats) -> list[tuple[float, float]]:
-        shifted = (np.asarray(points, dtype=np.float64) - self._view.center_m) * [self._scale, -self._scale]
-        found = np.clip(shifted + FINE * np.array(self._size) / 2, -1e4, 1e4)
-        return [(x, y) for x, y in found.tolist()]
-
-    def _dots(self, draw: ImageDraw.ImageDraw, points: Floats) -> None:
-        for x, y in self._pixels(points):
-            draw.rectangle((x, y, x + 1, y + 1), palette.POINT)
-
-    def _way(self, draw: ImageDraw.ImageDraw, way: Floats) -> None:
-        for start, end in zip(way[:-1:4], way[2::4], strict=False):
-            draw.line(self._pixels(np.stack([start, end])), (128, 112, 66), FINE)
-
-    def _body(
-        self,
-        draw: ImageDraw.ImageDraw,
-        body: Floats,
-        fill: palette.RGB | None,
-        edge: palette.RGB | None = None,
-        grow_m: float = 0.0,
-    ) -> None:
-        """Draw a body (5,), its outline wider by `grow_m` on each side."""
-        x, y, length, width, yaw = body.tolist()
-        least = FINE * 2 * _LEAST_PX / self._scale
-        size = [max(length, least) + 2 * grow_m, max(width, least) + 2 * grow_m, 1.0]
-        corners = outlines(Boxes3D.from_array([[x, y, 0.5, *size, yaw]]))[0]
-        draw.polygon(self._pixels(corners), fill, edge, width=round(1.5 * FINE) if edge else 0)
-
-    def _false(self, draw: ImageDraw.ImageDraw, body: Floats) -> None:
-        """Cross out a track where nothing is, thinly."""
-        corners = self._pixels(outlines(Boxes3D.from_array([[*body[:2], 0.5, *body[2:4], 1.0, body[4]]]))[0])
-        draw.polygon(corners, None, palette.FALSE_TRACK, width=FINE)
-        for one, other in ((0, 2), (1, 3)):
-            draw.line((corners[one], corners[other]), palette.FALSE_TRACK, FINE)
-
-    def _car(self, draw: ImageDraw.ImageDraw, car: Floats, acceleration_m_s2: float) -> None:
-        self._body(draw, car, palette.AGENT)
+    def _car(self, car: Floats, acceleration_m_s2: float) -> None:
+        above = self._above
+        above.shape(self._corners(car), palette.AGENT)
         cos, sin = math.cos(car[4]), math.sin(car[4])
         ahead, left = np.array([cos, sin]), np.array([-sin, cos])
         middle, half_length, half_width = car[:2], car[2] / 2, car[3] / 2
         screen = [middle + half_length * a * ahead + half_width * b * left for a, b in ((0.45, 0.8), (0.45, -0.8))]
         screen += [middle + half_length * 0.15 * ahead + half_width * b * left for b in (-0.8, 0.8)]
-        draw.polygon(self._pixels(np.array(screen)), palette.BACKGROUND)
+        above.shape(np.array(screen), palette.BACKGROUND)
         if acceleration_m_s2 < -_BRAKES_M_S2:
             strength = min(1.0, -acceleration_m_s2 / 6.0)
             ends = np.array([middle - (half_length + 0.5) * ahead + half_width * b * left for b in (1.0, -1.0)])
-            draw.line(self._pixels(ends), BRAKE, round(FINE * (2 + 4 * strength)))
+            above.line(ends, BRAKE, 2 + 4 * strength)
 
-    def _ring(self, draw: ImageDraw.ImageDraw, place: Floats, color: palette.RGB, radii_px: Sequence[int]) -> None:
-        ((x, y),) = self._pixels(place[None])
-        for radius in radii_px:
-            r = FINE * radius
-            draw.ellipse((x - r, y - r, x + r, y + r), outline=color, width=FINE)
+    def _message(self, sender: Floats, receiver: Floats, freshness: float) -> None:
+        red, green, blue = (
+            round(c * freshness + b * (1 - freshness)) for c, b in zip(TOLD, palette.MAP["lanes"], strict=True)
+        )
+        self._above.line(np.stack([sender, receiver]), (red, green, blue), 3 if freshness > 0.5 else 2)
 
-    def _message(self, draw: ImageDraw.ImageDraw, sender: Floats, receiver: Floats, freshness: float) -> None:
-        color = tuple(round(c * freshness + b * (1 - freshness)) for c, b in zip(TOLD, (44, 48, 55), strict=True))
-        draw.line(self._pixels(np.stack([sender, receiver])), color, FINE * (3 if freshness > 0.5 else 2))
-
-    def _burst(self, draw: ImageDraw.ImageDraw, car: Floats) -> None:
+    def _burst(self, car: Floats) -> None:
         """Draw a star at the car's front."""
         front = car[:2] + car[2] / 2 * np.array([math.cos(car[4]), math.sin(car[4])])
-        ((x, y),) = self._pixels(front[None])
-        spikes = [
-            (x + FINE * r * math.cos(a), y + FINE * r * math.sin(a))
-            for k in range(20)
-            for r, a in [((26.0 if k % 2 else 13.0), k * math.pi / 10)]
-        ]
-        draw.polygon(spikes, None, CRASH, width=2 * FINE)
-
-    def _words(self, draw: ImageDraw.ImageDraw, agents: dict[str, Floats]) -> None:
-        for name, place in agents.items():
-            ((x, y),) = self._pixels(place[None])
-            on_halo(draw, (x / FINE + 12, y / FINE - 20), name, palette.AGENT, 15)
-        left, bottom = 14, self._size[1] - 16
-        reach = SCALE_BAR_M * self._scale / FINE
-        draw.line((left, bottom, left + reach, bottom), palette.TEXT, 3)
-        on_halo(draw, (left, bottom - 22), f"{SCALE_BAR_M:.0f} m", palette.TEXT, 14)
-
-
-def on_halo(draw: ImageDraw.ImageDraw, spot: tuple[float, float], text: str, color: palette.RGB, size_px: int) -> None:
-    """Write on a dark halo, to be read over anything."""
-    draw.text(spot, text, color, font_of(size_px), stroke_width=2, stroke_fill=palette.BACKGROUND)
-
-
-@lru_cache
-def font_of(size_px: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    """Return pillow's own font in a size."""
-    return ImageFont.load_default(size_px)
+        turns, radii = np.arange(20) * math.pi / 10, np.where(np.arange(20) % 2, 26.0, 13.0) / self._px_per_m
+        spikes = front + radii[:, None] * np.column_stack([np.cos(turns), np.sin(turns)])
+        self._above.shape(spikes, None, CRASH, 2)
 
 
 def width_of(text: str, size_px: int) -> float:

@@ -14,18 +14,16 @@ from coopsim.bench.grid.axis import Axis
 from coopsim.bench.grid.labels import varying_axes
 from coopsim.bench.results.result_table import ResultTable, known_mean
 from coopsim.bench.results.statistics import Interval, holm
-from coopsim.bench.safety.lie_costs import CRASH_HEADS, cost_heads, cost_rows, crash_rows
-from coopsim.bench.safety.paired import Change, along, calm, change, changes_along, gone_at, rank_correlation
+from coopsim.bench.safety.lie_costs import COSTS, CRASH_HEADS, cost_heads, cost_rows, crash_rows
+from coopsim.bench.safety.paired import Change, along, calm, change, changes_along, gone_at, kinds_of, rank_correlation
 from coopsim.bench.text.forms import difference_text, form_of, format_value, markdown_table, mean_cells, sections_text
 from coopsim.metrics.built_in import BYTES
 from coopsim.metrics.driving import DRIVING
 
-_PRICES = ("phantom_brakes", "hard_brakes", "time_lost", "progress")
-"""Metrics of what a policy costs where nothing would have happened."""
-
 _PREDICTORS = ("AMOTA", "sAMOTA", "MOTA", "HOTA", "mAP3D@0.5", "APBEV@0.5", "recall", "lead_time")
 
-_ALL = "all situations"
+ALL_SITUATIONS = "all situations"
+"""Name of the row over them."""
 
 
 def to_safety_markdown(table: ResultTable) -> str:
@@ -40,8 +38,9 @@ def to_safety_markdown(table: ResultTable) -> str:
         (
             "What they cost",
             markdown_table(price_heads(table), price_rows(table)),
-            "Mean per episode, sharing minus alone, with 95 % intervals.",
+            "Mean per episode, with messages minus without, with 95 % intervals.",
         ),
+        ("Scores", markdown_table(SCORE_HEADS, score_rows(table), texts=3), _SCORES_NOTE),
         ("What lies cost", _lies(table), _LIES_NOTE),
         ("Driving", _driving(table), "Means over all situations where nothing disturbs, or as little as was run."),
         (
@@ -49,26 +48,35 @@ def to_safety_markdown(table: ResultTable) -> str:
             _bytes(table),
             "Where nothing disturbs, or as little as was run; policies by the bytes that an agent sends.",
         ),
-        ("Where the gain is gone", _gone(table), _GONE_NOTE),
+        ("Where the gain ends", _gone(table), _GONE_NOTE),
         ("What predicts crashes", _predictors(table), _PREDICTORS_NOTE),
     ]
     return sections_text("Safety", parts)
 
 
-CHANGE_HEADS = ("policy", "situation", "pairs", "alone", "sharing", "avoided", "caused", "difference", "p")
+CHANGE_HEADS = (
+    *("policy", "situation", "pairs", "without messages", "with messages", "avoided", "caused", "difference", "p"),
+)
 
 CHANGES_NOTE = """Against the policy that sends nothing, with the same seeds, where nothing disturbs, or as little as
-was run. *Avoided*: alone it crashes, with messages it does not; *caused*: the other way round. p is McNemar's,
+was run. *Avoided*: without messages it crashes, with them it does not; *caused*: the other way round. p is McNemar's,
 corrected for all rows by Holm's method."""
+
+SCORE_HEADS = ("policy", "drives", "metric", "pairs", "without messages", "with messages", "difference", "p")
+
+_SCORES = ("driving_score", "success", "epdms", "crash", "lead_time")
+
+_SCORES_NOTE = """Means over the paired drives of each kind, and 95 % intervals of the difference. p is McNemar's of
+yes or no, else that of a paired bootstrap, corrected for all rows by Holm's method."""
 
 _LIES_NOTE = """Each attack against the same policy with the same seeds while nobody lies, and nothing else disturbs.
 *Avoided*: only the honest run ends in a crash; *caused*: only that with the lie. The second table has mean differences
 per episode, lie minus honest, with 95 % intervals: brakes for nothing, hard brakes, share of the way driven, and time
 lost."""
 
-_GONE_NOTE = """Difference of crash rates, sharing minus alone, in percentage points, while nothing else disturbs.
-*Gone at*: the first value from which on the 95 % interval has 0, so that fewer crashes are not shown. *No gain shown*:
-it has 0 from the first value on."""
+_GONE_NOTE = """Difference of crash rates, with messages minus without, in percentage points, while nothing else
+disturbs. *Gain ends at*: the first value from which on the 95 % interval has 0, so that fewer crashes are not shown.
+*No gain shown*: it has 0 from the first value on."""
 
 _PREDICTORS_NOTE = """Spearman's rank correlation over policies, upper bounds left out, with a 95 % interval by a
 bootstrap over situations and seeds. -1: the better policy by the metric always crashes less; 0: it says nothing."""
@@ -80,9 +88,9 @@ def crash_rate(table: ResultTable, policy: int, conditions: Sequence[int]) -> In
 
 
 def situations(table: ResultTable) -> list[tuple[str, list[int]]]:
-    """Return the situations with the condition that disturbs least, then all together."""
-    rows = [(scenario, calm(table, scenario)) for scenario in table.scenarios]
-    return [*rows, (_ALL, calm(table))] if len(rows) > 1 else rows
+    """Return the situations with the condition that disturbs least, then the kinds of drives, and all together."""
+    rows = [(scenario, calm(table, scenario)) for scenario in table.scenarios] + kinds_of(table)
+    return [*rows, (ALL_SITUATIONS, calm(table))] if len(rows) > 1 else rows
 
 
 def _matrix_text(table: ResultTable) -> str:
@@ -113,6 +121,28 @@ def change_rows(table: ResultTable) -> list[list[str]]:
     ]
 
 
+def score_rows(table: ResultTable) -> list[list[str]]:
+    """Return rows of text below `SCORE_HEADS`: what messages change in scores, by policy and kind of drives."""
+    tried = [
+        (kind, metric, change(table, k, conditions, metric))
+        for k in _competitors(table)
+        for kind, conditions in kinds_of(table)
+        for metric in _SCORES
+    ]
+    known = [(kind, metric, found) for kind, metric, found in tried if found is not None]
+    corrected = holm(np.array([found.p_value for *_, found in known]))
+    rows = []
+    for (kind, metric, found), p_value in zip(known, corrected.tolist(), strict=True):
+        form = form_of(metric)
+        cells = [
+            format_value(found.alone, form),
+            format_value(found.sharing, form),
+            difference_text(found.change, form),
+        ]
+        rows.append([table.names[found.policy], kind, metric, str(found.pairs), *cells, f"{p_value:.2g}"])
+    return rows
+
+
 def _change_cells(found: Change) -> list[str]:
     rates = [f"{rate:.0f} %" for rate in (found.alone, found.sharing)]
     return [str(found.pairs), *rates, str(found.less), str(found.more), difference_text(found.change, ".1f")]
@@ -120,12 +150,16 @@ def _change_cells(found: Change) -> list[str]:
 
 def price_heads(table: ResultTable) -> list[str]:
     """Return the headings of `price_rows`."""
-    return ["policy", *(name for name in _PRICES if name in table.metrics)]
+    return ["policy", *(COSTS[name] for name in _prices(table))]
+
+
+def _prices(table: ResultTable) -> list[str]:
+    return [name for name in COSTS if name in table.metrics]
 
 
 def price_rows(table: ResultTable) -> list[list[str]]:
     """Return rows of text: what messages change besides crashes, by policy and metric."""
-    metrics = price_heads(table)[1:]
+    metrics = _prices(table)
     rows = []
     for k in _competitors(table) if metrics else ():
         found = [change(table, k, calm(table), name) for name in metrics]
@@ -180,7 +214,11 @@ def gone_tables(table: ResultTable) -> list[tuple[Axis, list[str], list[list[str
             cells = [difference_text(each.change, ".1f") for _, each in found]
             rows.append([table.policies[k], *cells, gone_at(axis, found)])
         if rows:
-            heads = ["policy", *(text for text, _ in along(table, axis)), "gone under" if axis.named else "gone at"]
+            heads = [
+                "policy",
+                *(text for text, _ in along(table, axis)),
+                "gain ends under" if axis.named else "gain ends at",
+            ]
             tables.append((axis, heads, rows))
     return tables
 

@@ -153,6 +153,10 @@ class Store:
             return {}
         return found if isinstance(found, dict) else {}
 
+    def all_circumstances(self) -> list[dict[str, Any]]:
+        """Read the JSON files next to the results of the latest grid, in its order."""
+        return [self.circumstances(key) for key in self._asked()]
+
     def _by_age(self) -> list[str]:
         """Return the keys of all results, the oldest first."""
         return [path.stem for path in sorted(self._cells.glob("*.parquet"), key=lambda path: path.stat().st_mtime_ns)]

@@ -30,8 +30,8 @@ from coopsim.metrics.metric import PRIMARY_METRIC
 
 METHODS_TITLE, COUNTS_TITLE = "Methods of the policies", "Counts over all runs"
 
-LEAST_DISTURBED = "least disturbed"
-"""Heading of values in the conditions that disturb least."""
+CLEAN, WORST_CONDITION = "clean", "worst condition"
+"""Headings of values where nothing disturbs, or as little as was run, and of where a policy is worst."""
 
 METRICS_SHOWN = (
     *(PRIMARY_METRIC, "AMOTA", "MOTA", "MOTP", "HOTA", "IDF1", "APBEV@0.5", "IDS", "FP", "FN"),
@@ -131,7 +131,7 @@ def _usual(table: ResultTable) -> tuple[str, ...]:
 
 def _leaderboard(table: ResultTable, metric: str) -> str:
     several = len(table.conditions) > 1
-    disturbed = [LEAST_DISTURBED, "worst", "with"] if several else []
+    disturbed = [CLEAN, "worst", WORST_CONDITION] if several else []
     heads = ["rank", "policy", metric, *disturbed, BYTES_TITLE, "failed", "not run"]
     form = form_of(metric)
     rows = []
@@ -149,7 +149,7 @@ def _leaderboard(table: ResultTable, metric: str) -> str:
                 str(entry.missing),
             ]
         )
-    align = ["left" if name in ("policy", "with") else "right" for name in heads]
+    align = ["left" if name in ("policy", WORST_CONDITION) else "right" for name in heads]
     return tabulate(rows, heads, tablefmt="github", colalign=align, disable_numparse=True)
 
 

@@ -161,7 +161,7 @@ def _method(comparison: Comparison) -> list[str]:
     if any(row.is_rate for row in rows):
         methods.append(f"{'of rates: ' * bool(methods)}Newcombe's over {kind}. p: McNemar's exact test")
     lines = [
-        f"{comparison.matched} pairs of cells, {span}, {compared} comparison{'s' * (compared != 1)}{identical}. "
+        f"{comparison.matched} pairs of runs, {span}, {compared} comparison{'s' * (compared != 1)}{identical}. "
         f"Intervals: {'; intervals '.join(methods)}; corrected by Holm.",
     ]
     if not compared:

@@ -44,6 +44,11 @@ def title_of(metric: str) -> str:
     return BYTES_TITLE if metric == BYTES else metric
 
 
+def name_of(metric: str) -> str:
+    """Return a metric's name for the axis of a chart, with the unit of a rate."""
+    return f"{metric} (% of episodes)" if is_yes_no(metric) else metric
+
+
 def form_of(metric: str) -> str:
     """Return the format of a metric's values in reports, one digit for a metric that is not registered."""
     metrics = all_metrics()

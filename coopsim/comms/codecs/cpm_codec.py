@@ -5,7 +5,6 @@ Bits are asn1tools'; here are the conversions between arrays and ASN.1 values in
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -13,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from coopsim.comms.codecs.asn1 import DEGREE_M, PROTOCOL, compiled, decode_exactly
+from coopsim.comms.codecs.asn1 import DEGREE_M, PROTOCOL, compiled, decode_exactly, station_id
 from coopsim.comms.codecs.codec import CODECS, encode_prefix
 from coopsim.comms.codecs.detection_codec import SharesDetections
 from coopsim.errors import CodecError
@@ -216,7 +215,7 @@ class CpmCodec(SharesDetections[CollectivePerception]):
     def content_of(self, found: Detections, sender: str, time_ns: int, pose: PoseEstimate) -> CollectivePerception:
         """Return the message's content; the station's id is the CRC-32 of the sender's name."""
         turned = found.transform(SE3.from_xyz_yaw(np.zeros(3), float(pose.xyz_yaw[3])))
-        return CollectivePerception(zlib.crc32(sender.encode()), time_ns, pose.xyz_yaw[:3], turned)
+        return CollectivePerception(station_id(sender), time_ns, pose.xyz_yaw[:3], turned)
 
     def detections_in(self, content: CollectivePerception, pose: PoseEstimate) -> Detections:
         return content.objects.transform(SE3.from_xyz_yaw(np.zeros(3), -float(pose.xyz_yaw[3])))
@@ -259,7 +258,7 @@ class CpmCodec(SharesDetections[CollectivePerception]):
             raise CodecError(f"a collective perception message has at most 255 objects, got {len(found)}")
         captured_ns = management["referenceTime"] * _NS_PER_MS
         position = position_of(management["referencePosition"])
-        _require_on_earth(position)
+        require_on_earth(position)
         return CollectivePerception(header["stationId"], captured_ns, position, objects_of(found))
 
 
@@ -285,10 +284,11 @@ def _require_sendable(content: CollectivePerception) -> None:
         raise CodecError(f"a collective perception message has at most 255 objects, got {len(good)}")
     if not (0 <= content.station_id < 2**32 and 0 <= content.captured_ns <= _LATEST_MS * _NS_PER_MS):
         raise CodecError(f"station {content.station_id} at {content.captured_ns} ns is out of ETSI's range")
-    _require_on_earth(content.position)
+    require_on_earth(content.position)
 
 
-def _require_on_earth(position: Floats) -> None:
+def require_on_earth(position: Floats) -> None:
+    """Raise `CodecError` for a position (3,) m that ETSI's reference positions do not hold."""
     if not ((np.abs(position) <= _FARTHEST_M).all() and position[2] >= -1000):
         raise CodecError(
             f"a station must be on earth, from 1 km below to 8 km above the sea, got {position.tolist()} m"

@@ -5,13 +5,13 @@ Bits are asn1tools'; here are the conversions between typed content and ASN.1 va
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from coopsim.comms.codecs.asn1 import DEGREE_M, PROTOCOL, compiled, decode_exactly
+from coopsim.comms.codecs.asn1 import DEGREE_M, compiled, decode_message, encode_message
 from coopsim.errors import CodecError
 from coopsim.geometry.se3 import Floats
 from coopsim.types.intersections import UNKNOWN_MARK, IntersectionMap, MapLane, MovementPhase, SignalPhases
@@ -90,36 +90,11 @@ def decode_mapem(payload: bytes) -> tuple[IntersectionMap, ...]:
 
 
 def _encoded(name: str, station_id: int, body: str, content: Mapping[str, Any]) -> bytes:
-    header = {"protocolVersion": PROTOCOL, "messageID": _IDS[name], "stationID": station_id}
-    module = _module()
-    try:
-        return bytes(module.encode(name, {"header": header, body: content}, check_constraints=True))
-    except Exception as error:  # asn1tools' errors on values out of range have no common class
-        raise CodecError(f"the content does not fit into a {name}: {error}") from error
+    return encode_message(_module(), name, (_IDS[name], station_id), body, content)
 
 
 def _decoded(name: str, payload: bytes) -> Any:
-    message = decode_exactly(_module(), name, payload)
-    header = message["header"]
-    if (header["protocolVersion"], header["messageID"]) != (PROTOCOL, _IDS[name]):
-        raise CodecError(f"a {name} has protocol {PROTOCOL} and id {_IDS[name]}, got {header}")
-    if unread := sorted(set(_unread(message))):
-        raise CodecError(f"the {name} has {', '.join(unread)}, which coopsim does not read")
-    return message
-
-
-def _unread(value: Any, name: str = "") -> Iterator[str]:
-    """Yield the names of the parts that are NULL in the module."""
-    if value is None:
-        yield name
-    elif isinstance(value, dict):
-        for key, each in value.items():
-            yield from _unread(each, key)
-    elif isinstance(value, list):
-        for each in value:
-            yield from _unread(each, name)
-    elif isinstance(value, tuple) and isinstance(value[0], str):  # a choice
-        yield from _unread(value[1], value[0])
+    return decode_message(_module(), name, _IDS[name], payload)
 
 
 def _state_of(phases: SignalPhases) -> dict[str, Any]:

@@ -3,6 +3,22 @@
 Input is an agent's `Observation`, output its `Message`. Start with `uplink.py`; each `share_*.py` has one kind.
 """
 
-from coopsim.comms.uplinks import by_action, in_turn, share_detections, share_features, share_points, share_tracks
+from coopsim.comms.uplinks import (
+    by_action,
+    in_turn,
+    share_detections,
+    share_features,
+    share_intents,
+    share_points,
+    share_tracks,
+)
 
-__all__ = ["by_action", "in_turn", "share_detections", "share_features", "share_points", "share_tracks"]
+__all__ = [
+    "by_action",
+    "in_turn",
+    "share_detections",
+    "share_features",
+    "share_intents",
+    "share_points",
+    "share_tracks",
+]

@@ -212,6 +212,7 @@ class WithinBudget(Uplink):
             uplink.prepare_budget()
         _require_divisible(uplink)
         self.content = uplink.content  # type: ignore[misc]  # of the class elsewhere
+        self.beside = uplink.beside
         self._uplink, self._budget_bytes, self._make_selection = uplink, budget_bytes, make_selection
         self._selections: dict[str, Selection] = {}
         self._decoded = decoded or DecodeOnce()

@@ -28,9 +28,11 @@ class Uplink(ABC):
     Attributes:
         content: the kind of content of its messages: "none", "detections", "tracks", "points", "features", "queries",
             or a custom one.
+        beside: codecs of the messages about its senders' own motion that the environment sends beside: "mcm", "denm".
     """
 
     content: ClassVar[str]
+    beside: tuple[str, ...] = ()
 
     def begin(self, spec: AgentSpec, rng: np.random.Generator) -> None:
         """Make the state of one agent; called once per agent when an episode begins, before its first message.

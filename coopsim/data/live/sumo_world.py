@@ -13,10 +13,11 @@ from coopsim.data.live.way_ahead import way_ahead
 from coopsim.data.logs.play.shapes import fitted_models
 from coopsim.geometry import exact
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import SE3, Floats, wrap_angle
+from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.support.rng import uniform_numbers
 from coopsim.types.driving import CarState, Command, acceleration_of
 from coopsim.world.models.paint import draw_colors
+from coopsim.world.places.layout import Cars
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody, RoadMap, StaticPart
 
@@ -128,7 +129,7 @@ class SumoWorld:
         model = self._models_of_kind[now.kind, (look * _LOOKS).astype(np.int64)]
         label, size = self._labels[model], self._sizes[model]
         color, accent = draw_colors(self._seed, identity, label, dirty=self._dirty)
-        middle = self._on_ground(now.place)
+        middle = self._layout.on_ground(now.place)
         middle[:, 2] += size[:, 2] / 2
         return Actors.trusted(
             Boxes3D.trusted(middle, size, wrap_angle(now.heading)),
@@ -143,14 +144,11 @@ class SumoWorld:
 
     def agents(self) -> dict[str, AgentBody]:
         """Return connected cars, then roadside units, then drones."""
-        bodies: dict[str, AgentBody] = {}
-        for k, name in enumerate(self._cars):
-            row = self._now.names.index(name)
-            place, heading = self._on_ground(self._now.place[row : row + 1])[0], float(self._now.heading[row])
-            height_m = float(self._engine.size[self._now.kind[row], 2])
-            pose = SE3.from_xyz_yaw(place, heading)
-            bodies[f"cav_{k}"] = AgentBody(f"cav_{k}", "cav", self._number[name], pose, height_m)
-        return bodies | self._layout.posts(self._population.rsus, self._population.drones, self._time_s)
+        now = self._now
+        row = [now.names.index(name) for name in self._cars]
+        identity = np.array([self._number[name] for name in self._cars], np.int64)
+        cars = Cars(identity, now.place[row], now.heading[row], self._engine.size[now.kind[row], 2])
+        return self._layout.agents(cars, (self._population.rsus, self._population.drones), self._time_s)
 
     def car_ahead(self, agent: str) -> CarState:
         """Return the motion of a connected car and the way ahead of it; of one that has arrived, the last."""
@@ -176,6 +174,3 @@ class SumoWorld:
     def is_over_in(self, time_s: float) -> bool:
         """Return whether a connected car arrived or left the place, and none is to be seen after a time."""
         return self.left_s is not None and self._time_s + time_s > self.left_s + 1e-6
-
-    def _on_ground(self, place: Floats) -> Floats:
-        return np.column_stack([place, self._layout.heights(place)])

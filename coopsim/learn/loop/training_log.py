@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import platform
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,8 +15,9 @@ from coopsim.errors import InvalidValueError
 from coopsim.learn.recipe import RECIPES, TrainingRecipe, find_recipe
 from coopsim.nn.inference.backend import numbers_on
 from coopsim.support.files import write_durably, write_whole
-from coopsim.support.svg import to_svg
+from coopsim.support.processes import processor_name
 from coopsim.version import __version__
+from coopsim.viz.charts import to_svg
 
 LOG = "log.jsonl"
 """Name of the file in a training's folder."""
@@ -120,8 +120,7 @@ def _draw(panel: Any, title: str, curves: Mapping[str, Sequence[tuple[float, flo
         panel.set_yscale("log")
         panel.yaxis.set_major_formatter("{x:g}")  # numbers as text: formulas would show their source
         panel.yaxis.set_minor_formatter("")
-    panel.legend(fontsize=7, frameon=False, loc="upper left", bbox_to_anchor=(1, 1))
-    panel.grid(alpha=0.3)
+    panel.legend(loc="upper left", bbox_to_anchor=(1, 1))
 
 
 CARD = "card.json"
@@ -160,7 +159,7 @@ def make_card(
         "teacher": "none" if recipe.teacher is None else Path(recipe.teacher).stem,
         "threads": recipe.threads,
         "device": str(device),
-        "processor": _processor(),
+        "processor": processor_name(),
         "versions": {"coopsim": __version__, "torch": torch.__version__, "numpy": np.__version__},
         "recipe": _without_folders(recipe.as_data()),
     }
@@ -184,13 +183,3 @@ def command_of(recipe: TrainingRecipe, seed: int) -> str:
 def _without_folders(recipe: Mapping[str, Any]) -> dict[str, Any]:
     names = {name: Path(recipe[name]).stem for name in _NETWORKS if recipe[name] is not None}
     return {**recipe, **names}
-
-
-def _processor() -> str:
-    """Return the processor's name, as far as the system says it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    named = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return named[0] if named else platform.processor() or platform.machine()

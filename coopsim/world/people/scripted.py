@@ -52,6 +52,8 @@ class ScriptedPeople:
 
     def step(self, dt_s: float) -> None:
         """Advance by `dt_s`."""
+        if not len(self):
+            return
         self._time_s += dt_s
         before = self.position
         self.travelled_m = self._walked_m()

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import trimesh
 
 from coopsim.geometry import exact
-from coopsim.geometry.se3 import SE3, Floats
+from coopsim.geometry.se3 import SE3, Floats, SE3Batch
 from coopsim.support.arrays import numbered
 from coopsim.types import Ints, Mask
 from coopsim.types.driving import OUTER_SIDES
@@ -36,6 +37,22 @@ ASPHALT = (70, 71, 74)
 PAVEMENT = (150, 147, 140)
 MARKING = (225, 225, 220)
 STEEL = (160, 163, 168)
+
+
+class Cars(NamedTuple):
+    """Connected cars, in order.
+
+    Attributes:
+        id: (N,) of their actors.
+        place: (N, 2) m.
+        heading_rad: (N,).
+        height_m: (N,) of the bodies.
+    """
+
+    id: Ints
+    place: Floats
+    heading_rad: Floats
+    height_m: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,7 +247,24 @@ class Layout:
         """Return the heights (N,) m of the ground at points (N, 2) m."""
         return np.zeros(len(points)) if self.relief is None else self.relief.heights(points)
 
-    def posts(self, rsus: int, drones: int, time_s: float) -> dict[str, AgentBody]:
+    def on_ground(self, points: Floats) -> Floats:
+        """Return points (N, 3) m of the ground, at points (N, 2) m."""
+        there = np.empty((len(points), 3))
+        there[:, :2], there[:, 2] = points, self.heights(points)
+        return there
+
+    def agents(self, cars: Cars, posts: tuple[int, int], time_s: float) -> dict[str, AgentBody]:
+        """Return connected cars, then the first roadside units, then the first drones at a time (s).
+
+        `posts` has the numbers of units and drones.
+        """
+        at = np.column_stack([self.on_ground(cars.place), cars.heading_rad])
+        poses, bodies = SE3Batch.from_xyz_yaw(at), {}
+        for k, (identity, height_m) in enumerate(zip(cars.id.tolist(), cars.height_m.tolist(), strict=True)):
+            bodies[f"cav_{k}"] = AgentBody(f"cav_{k}", "cav", identity, poses[k], height_m)
+        return bodies | self._posts(*posts, time_s)
+
+    def _posts(self, rsus: int, drones: int, time_s: float) -> dict[str, AgentBody]:
         """Return the bodies of the first roadside units, then those of the first drones at a time (s)."""
         bodies = {
             f"rsu_{k}": AgentBody(f"rsu_{k}", "rsu", None, unit, self.rsu_height_m)

@@ -79,7 +79,7 @@ class Way:
         return float(self.network.get_lane(lane).heading_at(along))
 
 
-def find_way(network: RoadNetwork, lane: LaneIndex, along_m: float, reach: Reach) -> Way | None:
+def find_way(network: RoadNetwork, lane: LaneIndex, along_m: float, reach: Reach, *, turns: bool = False) -> Way | None:
     """Return the straightest way through a place on a lane; None: it is too short, or has a narrow bend.
 
     Before the part that is needed it goes on as far as is wanted, around bends, if the roads do.
@@ -89,24 +89,26 @@ def find_way(network: RoadNetwork, lane: LaneIndex, along_m: float, reach: Reach
         lane: lane of the place of interest.
         along_m: distance of the place from the lane's start.
         reach: the lengths, and the speed at which bends must be comfortable.
+        turns: the way may turn, as over a junction, in any bend.
     """
+    kink_rad = math.pi if turns else _KINK_RAD
     lanes, low_m, high_m = [lane], -along_m, network.get_lane(lane).length - along_m
     while low_m > -reach.before_m:
-        onto = _straightest(network, lanes[0], _KINK_RAD, back=True)
+        onto = _straightest(network, lanes[0], kink_rad, back=True)
         if onto is None or onto in lanes:
             return None
         lanes.insert(0, onto)
         low_m -= network.get_lane(onto).length
     while high_m < reach.after_m:
-        onto = _straightest(network, lanes[-1], _KINK_RAD, back=False)
+        onto = _straightest(network, lanes[-1], kink_rad, back=False)
         if onto is None or onto in lanes:
             return None
         lanes.append(onto)
         high_m += network.get_lane(onto).length
     found = [network.get_lane(each) for each in lanes]
-    if any(comfortable_m_s(each) < reach.speed_m_s for each in found):
+    if not turns and any(comfortable_m_s(each) < reach.speed_m_s for each in found):
         return None
-    if abs(wrap_angle(found[0].heading_at(0.0) - found[-1].heading_at(found[-1].length))) > _TURN_RAD:
+    if not turns and abs(wrap_angle(found[0].heading_at(0.0) - found[-1].heading_at(found[-1].length))) > _TURN_RAD:
         return None
     while low_m > -reach.wanted_m and (onto := _straightest(network, lanes[0], math.pi, back=True)) is not None:
         if onto in lanes:

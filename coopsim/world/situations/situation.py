@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -26,8 +26,8 @@ from coopsim.support.checks import (
 from coopsim.support.registry import Registry
 from coopsim.support.rng import stream
 from coopsim.types.taxonomy import ObjectClass
-from coopsim.world.drawn_options import PlaceSeeds, TownOptions
-from coopsim.world.drawn_places import DRAWN, TOWN, scenario_names
+from coopsim.world.drawn_options import PlaceSeeds
+from coopsim.world.drawn_places import TOWN, find_drawer, is_place_file, scenario_names
 from coopsim.world.places.layout import Layout
 from coopsim.world.population import Population
 from coopsim.world.scenario import EpisodeScenarios, Place, Scenario, make_scenario
@@ -43,6 +43,7 @@ EGO = "cav_0"
 """Name of the ego."""
 
 _TOWNS = 20  # tried for an episode, until one has a site: about half of them have one
+_NEXT = 1_000_003  # from a place's seed to that of the next to try, so that hardly two episodes share one
 _MASTS = 3  # nearest ones, of which one is drawn
 _MOST_ACTORS = 96
 
@@ -76,7 +77,8 @@ class Situation(EpisodeScenarios):
 
     Attributes:
         place: "named", the situation's own built-in place; the name of another scenario, whose place it is; "town", a
-            drawn one for each seed; or a custom place.
+            drawn one for each seed; the path of a map, a place of it for each seed; or a custom place. Of a list of
+            these each seed draws one, and passes it over for the next if it has no site; "named" is the last.
         penetration: share of the other moving cars that are connected, in [0, 1]; halves are rounded up.
         rsus: number of roadside units, 0 or 1. Each seed draws it from the three nearest masts.
         detail: "plain" or "full"; None: the usual one of the place. In a "street", people could be in a script's way.
@@ -85,7 +87,7 @@ class Situation(EpisodeScenarios):
         over_s: time at which the situation is over.
     """
 
-    place: str | Place = NAMED
+    place: str | Place | Sequence[str | Place] = NAMED
     penetration: float = 0.3
     rsus: int = 0
     detail: str | None = None
@@ -96,18 +98,22 @@ class Situation(EpisodeScenarios):
     """Name of the scenario with the built-in place."""
     elsewhere: ClassVar[bool] = True
     """Whether other places than the built-in one may have sites."""
+    calibrated: ClassVar[bool] = True
+    """Whether ranges were tuned so that a car alone crashes in about half of the seeds."""
+    usual: ClassVar[Mapping[str, Any]] = {}
+    """Options of its environment that are not the usual ones of situations."""
     most_actors = _MOST_ACTORS
 
     def __post_init__(self) -> None:
-        if not isinstance(self.place, Place):
-            require_choice("place", self.place, (NAMED, *scenario_names()) if self.elsewhere else (NAMED,))
-        elif not self.elsewhere:
-            raise InvalidValueError(f"place must be {NAMED!r} for {self.name!r}, got {self.place.name!r}")
+        if not self.places:
+            raise InvalidValueError("place must be at least one, got an empty list")
+        for place in self.places:
+            self._require(place)
         if self.detail is not None:
             require_choice("detail", self.detail, ("plain", "full"))
         require_probability(penetration=self.penetration)
         require_count(0, 1, rsus=self.rsus)
-        if self.place_seed is not None and self.place != TOWN:
+        if self.place_seed is not None and not any(_is_drawn(place) for place in self.places):
             raise InvalidValueError(f"place_seed must be left out unless place is {TOWN!r}, got {self.place_seed!r}")
         PlaceSeeds(self.place_seed)
         require_between(0.1, 3600, over_s=self.over_s)
@@ -134,14 +140,50 @@ class Situation(EpisodeScenarios):
         where = f"{len(tried)} drawn towns" if len(tried) > 1 else repr(tried[0])
         raise InvalidValueError(f"place must have a site for {self.name!r}, but there is none in {where}")
 
+    @property
+    def built_in(self) -> str:
+        """Name of the scenario with the built-in place."""
+        return self.named
+
+    @property
+    def movable(self) -> bool:
+        """Whether other places than the built-in one may have sites."""
+        return self.elsewhere
+
+    @property
+    def places(self) -> tuple[str | Place, ...]:
+        """The places that seeds draw from; a situation that happens in its own place only leaves out the others."""
+        given = tuple(self.place) if isinstance(self.place, (list, tuple)) else (self.place,)
+        return (NAMED,) if NAMED in given and not self.movable else given  # type: ignore[return-value]
+
+    def order(self, seed: int) -> Iterator[str | Place]:
+        """Yield the places in the order in which an episode tries them."""
+        others = [place for place in self.places if place != NAMED]
+        first = int(stream(seed, "situation", "place").integers(len(others))) if len(others) > 1 else 0
+        yield from others[first:] + others[:first] + [NAMED] * (NAMED in self.places)
+
+    def _require(self, place: object) -> None:
+        """Refuse what is no place, or none for this situation."""
+        if isinstance(place, Place) or is_place_file(place):
+            if not self.movable:
+                shown = place.name if isinstance(place, Place) else place
+                raise InvalidValueError(f"place must be {NAMED!r} for {self.name!r}, got {shown!r}")
+        else:
+            require_choice("place", place, (NAMED, *scenario_names()) if self.movable else (NAMED,))
+
     def _places(self, seed: int) -> Iterator[Scenario]:
-        """Yield the places to try: of drawn towns, the seed's and those of the seeds that follow."""
-        if self.place != TOWN:
-            yield _bare(self.named if self.place == NAMED else self.place, self.detail)
-            return
-        seeds = PlaceSeeds(self.place_seed)
-        for place_seed in dict.fromkeys(seeds.of(seed + k) for k in range(_TOWNS)):
-            yield _town(place_seed, self.detail or "full")
+        """Yield the places to try: of drawn ones, the seed's and then others."""
+        for place in self.order(seed):
+            drawer = find_drawer(place)
+            if drawer is None:
+                yield _bare(self.built_in if place == NAMED else place, self.detail)
+                continue
+            seeds = PlaceSeeds(self.place_seed)
+            for place_seed in dict.fromkeys(seeds.of(seed + k * _NEXT) for k in range(_TOWNS)):
+                made = drawer.place(place_seed, drawer.kinds[1]())
+                name, detail = TOWN if place == TOWN else made.name, self.detail or "full"
+                bare = Population(1, 0.0, 0, 1)
+                yield Scenario(name, made.make_layout(), bare, detail, made.description, place_seed)
 
     def _scenario(self, scenario: Scenario, stage: Stage, seed: int) -> Scenario:
         layout, vehicles = stage.layout, list(stage.vehicles)
@@ -195,10 +237,8 @@ def _bare(place: str | Place, detail: str | None) -> Scenario:
     return make_scenario(place, detail=detail, vehicles=1, pedestrians=0, parked=0, truck_share=0.0, connected_cars=1)
 
 
-def _town(place_seed: int, detail: str) -> Scenario:
-    """Return a drawn town, likewise."""
-    place = DRAWN.get(TOWN)().place(place_seed, TownOptions())
-    return Scenario(TOWN, place.make_layout(), Population(1, 0.0, 0, 1), detail, place.description, place_seed)
+def _is_drawn(place: object) -> bool:
+    return place == TOWN or is_place_file(place)
 
 
 SITUATIONS: Registry[type[Situation]] = Registry(

@@ -33,7 +33,7 @@ from coopsim.world.towns.site import Site
 from coopsim.world.towns.starts import FIRST, bring_near, off_roads, place_starts
 
 _ANY = TownOptions()
-_KEPT = 4  # places: an environment asks for the same one again when only traffic is drawn anew
+_KEPT = 32  # places, of 5 MB each: environments ask for the same ones again, as a learner that has towns to train in
 _DECIMALS = 3  # of lengths in m and angles in degrees: a file is shorter
 _SCALE = 1000.0  # 10 to the power of these
 _POINTS = ("at", "look_at", "centre", "drones_around")

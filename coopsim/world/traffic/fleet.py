@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
 from coopsim.support.arrays import dtype_of
+from coopsim.support.kernels import njit
 from coopsim.types import Ints
 
 HIGHWAY, TOWN, CHAUFFEURED, PARKED, PEDALLED, UNYIELDING, STEERED = range(7)
@@ -113,8 +114,16 @@ def bodies_of(rows: NDArray[Any], people: NDArray[Any]) -> NDArray[Any]:
     """Return all obstacles (N + M,) `BODY`: vehicles, then people."""
     bodies = np.empty(len(rows) + len(people), dtype=BODY)
     bodies[len(rows) :] = people
-    for name in ("x", "y", "heading", "speed", "length", "width", "crashed"):
-        bodies[name][: len(rows)] = rows[name]
-    bodies["steered"][: len(rows)] = rows["driver"] == STEERED
+    _copy(rows, bodies)
     bodies["dir_x"], bodies["dir_y"] = np.cos(bodies["heading"]), np.sin(bodies["heading"])
     return bodies
+
+
+@njit(cache=True, nogil=True)
+def _copy(rows: NDArray[Any], bodies: NDArray[Any]) -> None:
+    """Copy vehicles to the first bodies, all but their directions."""
+    for k in range(len(rows)):
+        body, vehicle = bodies[k], rows[k]
+        body.x, body.y, body.heading, body.speed = vehicle.x, vehicle.y, vehicle.heading, vehicle.speed
+        body.length, body.width = vehicle.length, vehicle.width
+        body.crashed, body.steered = vehicle.crashed, vehicle.driver == STEERED

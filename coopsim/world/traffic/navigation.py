@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats
-from coopsim.support.arrays import unchecked
+from coopsim.support.arrays import sealed, unchecked
+from coopsim.support.kernels import njit
 from coopsim.support.rng import stream
 from coopsim.types import Ints
 from coopsim.types.driving import GIVES_WAY, NO_LIGHT, YELLOW, Route
@@ -22,8 +23,9 @@ from coopsim.world.traffic.fleet import STEERED, Fleet
 from coopsim.world.traffic.lane_geometry import local_coordinates
 from coopsim.world.traffic.lanes import LaneArrays
 from coopsim.world.traffic.movements import FIRST, Movements
+from coopsim.world.traffic.obstacles import Kerbs, Obstacles
 from coopsim.world.traffic.rules import SAME_WAY
-from coopsim.world.traffic.steered import DRY, WHEELBASE, Walls, is_against, is_on_lane
+from coopsim.world.traffic.steered import DRY, WHEELBASE, is_against, is_on_lane
 from coopsim.world.traffic.way_ahead import BEFORE_LINE_M, REACH_M, SPACING_M, points_ahead
 
 ROUTE_M = (200.0, 2000.0)
@@ -74,8 +76,8 @@ class Way:
             found.places,
         )
         self._roads, self._length_m, self._network = np.array(roads), length_m, network
-        self._width_m = found.width_m
-        self._beside = lanes_beside(network, self._points, self._lanes, movements.of_road >= 0)
+        self._width_m = sealed(found.width_m)
+        self._beside = sealed(lanes_beside(network, self._points, self._lanes, movements.of_road >= 0))
         self._movements = movements.of_road[network.lanes["road"][self._lanes]]
         self._lines = np.flatnonzero(np.diff(self._lanes, prepend=self._lanes[0]))
         self._at, self._entering = 0, dict[int, Floats]()
@@ -116,8 +118,8 @@ class Way:
             spacing_m=SPACING_M,
             speed_limit_m_s=limit_m_s,
             right_of_way=rights,
-            lane_width_m=self._width_m[part].copy(),
-            beside=self._beside[part].copy(),
+            lane_width_m=self._width_m[part],
+            beside=self._beside[part],
             lights=lights,
             goal_m=goal_m,
             length_m=self._length_m,
@@ -144,8 +146,7 @@ class Way:
     def _nearest(self, row: Any) -> int:
         first = max(self._at - _BACK_M, 0)
         last = len(self._points) - round(REACH_M / SPACING_M)  # the goal is the last place to be
-        apart = self._points[first : min(self._at + _ON_M, last)] - [row["x"], row["y"]]
-        return first + int(np.argmin(np.square(apart).sum(axis=1)))
+        return int(_nearest(self._points, first, min(self._at + _ON_M, last), row["x"], row["y"]))
 
     def _is_near(self, row: Any) -> bool:
         """Return whether the car is beside its way, and headed along it."""
@@ -155,6 +156,18 @@ class Way:
         along = step[0] * math.cos(row["heading"]) + step[1] * math.sin(row["heading"])
         most_m = self._network.lanes["width"][self._lanes[at]] / 2 + _BESIDE_M
         return bool(apart_m < most_m and along > SAME_WAY * math.hypot(*step))
+
+
+@njit(cache=True, nogil=True)
+def _nearest(points: Floats, first: int, last: int, x: float, y: float) -> int:
+    """Return the first of the nearest points, from `first` to before `last`, to a place."""
+    nearest, least = first, np.inf
+    for k in range(first, last):
+        right, up = points[k, 0] - x, points[k, 1] - y
+        apart = right * right + up * up
+        if apart < least:
+            nearest, least = k, apart
+    return nearest
 
 
 def draw_roads(
@@ -202,7 +215,8 @@ class SteeredCars:
         fleet: their axles and their grip are set.
         network: the roads.
         movements: movements over junctions.
-        outlines: buildings and walls, which cars do not pass.
+        obstacles: bodies that cars do not pass.
+        kerbs: makes the kerbs that one car mounts; None: there are none.
         seed: decides their ways.
         route_m: bounds of the distance to a goal.
         grip: coefficient of friction.
@@ -213,12 +227,14 @@ class SteeredCars:
         fleet: Fleet,
         network: LaneArrays,
         movements: Movements,
-        outlines: Sequence[Floats],
+        obstacles: Obstacles,
+        kerbs: Callable[[], Kerbs] | None,
         seed: int,
         route_m: tuple[float, float] = ROUTE_M,
         grip: float = DRY,
     ) -> None:
-        self._walls, self._ways, self._network = Walls(outlines), dict[int, Way](), network
+        self._obstacles, self._ways, self._network = obstacles, dict[int, Way](), network
+        self._kerbs, self._hits = dict[int, Kerbs](), dict[int, str]()
         for k in np.flatnonzero(fleet.rows["driver"] == STEERED).tolist():
             row, rng = fleet.rows[k], stream(seed, "route", str(k))
             row["axle_m"], row["grip"] = WHEELBASE * row["length"] / 2, grip
@@ -228,6 +244,8 @@ class SteeredCars:
             wanted_m = rng.uniform(*route_m)
             roads, length_m = draw_roads(network, given, behind_m, wanted_m, rng)
             self._ways[k] = Way(network, movements, row, roads, max(min(wanted_m, length_m), 1.0))
+            if kerbs is not None:
+                self._kerbs[k] = kerbs()
 
     def find(self, fleet: Fleet) -> None:
         """Put them on the lanes where they are, before a step."""
@@ -235,10 +253,20 @@ class SteeredCars:
             way.follow(fleet.rows[k], fleet.routes[k])
 
     def judge(self, rows: NDArray[Any]) -> None:
-        """Note who goes against the traffic, and let those crash that have run into a wall, after a step."""
+        """After a step note who goes against the traffic, slow down on kerbs, and let cars crash into obstacles."""
         for k in self._ways:
-            rows["against"][k] = is_against(self._network, rows[k])
-            self._walls.stop(rows[k])
+            row = rows[k]
+            row["against"] = is_against(self._network, row)
+            if row["crashed"]:
+                continue
+            if k in self._kerbs:
+                self._kerbs[k].slow(row)
+            if hit := self._obstacles.met(row):
+                row["crashed"], self._hits[k] = True, hit
+
+    def hit(self, k: int) -> str:
+        """Return the obstacle that the car in a row has crashed into, "" for none."""
+        return self._hits.get(k, "")
 
     def has(self, k: int) -> bool:
         """Return whether the car in a row is one of them."""

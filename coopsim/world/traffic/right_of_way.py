@@ -161,10 +161,11 @@ def _revoke(
         if rows[i].movement < 0 or rows[i].ticket == GRANTED or role[i] == FIRST:
             continue
         short[i] = not _has_space(network, rows, routes, movements, last, i)
+        forks = network.lanes[rows[i].target_lane].kind == POLYLINE
         for other in range(len(rows)):
             if node[other] == node[i] and line_m[other] >= line_m[i]:
                 held[other] |= short[i] or role[other] == FIRST
-            elif node[other] >= 0 and node[other] != node[i] and line_m[other] > 0:
+            elif forks and node[other] >= 0 and node[other] != node[i] and line_m[other] > 0:
                 held[other] |= _is_behind(network, rows[other], routes[other], movements, rows[i])
     may = held & (rows["ticket"] == GRANTED) & (line_m > 0)
     may &= (rows["driver"] != CHAUFFEURED) & (rows["driver"] != UNYIELDING)
@@ -182,8 +183,6 @@ def _revoke(
 def _is_behind(network: LaneArrays, vehicle: Vehicle, route: Ints, movements: Movements, ahead: Vehicle) -> bool:
     """Return whether another vehicle is ahead of one before its line: a curved lane may fork before the lines."""
     lane = network.lanes[ahead.target_lane]
-    if lane.kind != POLYLINE:
-        return False
     for k in range(vehicle.route_length):
         if movements.of_road[route[k, 0]] >= 0:
             return False

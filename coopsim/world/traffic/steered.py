@@ -1,4 +1,4 @@
-"""Cars that an agent steers: actuators, the kinematic bicycle, the grip of tyres, and walls that stop them.
+"""Cars that an agent steers: actuators, the kinematic bicycle, and the grip of tyres.
 
 The reference point is the middle of the body, halfway between the axles (Polack et al., "The kinematic bicycle model:
 a consistent model for planning feasible trajectories for autonomous vehicles?", IEEE Intelligent Vehicles Symposium
@@ -9,12 +9,8 @@ and curvature ask for more than friction gives: they keep to its circle, braking
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
-from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types.driving import JERK_M_S3
 from coopsim.world.traffic.fleet import Vehicle
@@ -91,39 +87,3 @@ def is_against(network: LaneArrays, vehicle: Vehicle) -> bool:
                 return False
             against = True
     return against
-
-
-class Walls:
-    """Outlines of buildings and walls (K, 2) m, which cars do not pass."""
-
-    def __init__(self, outlines: Sequence[Floats]) -> None:
-        starts = [np.zeros((0, 2)), *(np.asarray(outline) for outline in outlines)]
-        ends = [np.zeros((0, 2)), *(np.roll(outline, -1, axis=0) for outline in outlines)]
-        self._sides = np.column_stack([np.concatenate(starts), np.concatenate(ends)])
-
-    def stop(self, row: Any) -> None:
-        """Mark a car that has run into one as crashed."""
-        row["crashed"] |= _meets(self._sides, row)
-
-
-@njit(cache=True, nogil=True)
-def _meets(sides: Floats, vehicle: Vehicle) -> bool:
-    """Return whether a body meets one of the sides (N, 4), x and y of both ends, m."""
-    cos, sin, reach = math.cos(vehicle.heading), math.sin(vehicle.heading), vehicle.length
-    half = (vehicle.length / 2, vehicle.width / 2)
-    for x, y, end_x, end_y in sides:
-        x, y, end_x, end_y = x - vehicle.x, y - vehicle.y, end_x - vehicle.x, end_y - vehicle.y
-        if min(x, end_x) > reach or max(x, end_x) < -reach or min(y, end_y) > reach or max(y, end_y) < -reach:
-            continue
-        first, last = 0.0, 1.0  # part of the side that is within the body's length, then width, too
-        for axis in range(2):
-            place = x * cos + y * sin if axis == 0 else y * cos - x * sin
-            there = end_x * cos + end_y * sin if axis == 0 else end_y * cos - end_x * sin
-            if abs(there - place) < 1e-12:
-                last = last if abs(place) <= half[axis] else -1.0
-                continue
-            one, other = (-half[axis] - place) / (there - place), (half[axis] - place) / (there - place)
-            first, last = max(first, min(one, other)), min(last, max(one, other))
-        if first <= last:
-            return True
-    return False

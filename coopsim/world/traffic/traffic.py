@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -19,6 +20,7 @@ from coopsim.world.places.layout import Layout, StartSlot
 from coopsim.world.places.road_network import LaneIndex
 from coopsim.world.population import Population
 from coopsim.world.script import Script
+from coopsim.world.snapshot import StaticPart
 from coopsim.world.traffic.array_engine import ArrayEngine
 from coopsim.world.traffic.cut_out import CutOut
 from coopsim.world.traffic.edges import Edges
@@ -36,6 +38,7 @@ from coopsim.world.traffic.fleet import (
 from coopsim.world.traffic.lanes import NumberedNetwork
 from coopsim.world.traffic.lights import Lights
 from coopsim.world.traffic.navigation import ROUTE_M, SteeredCars
+from coopsim.world.traffic.obstacles import Kerbs, Obstacles
 from coopsim.world.traffic.spawner import Spawner, slow_down_before_lines, slow_down_behind_others
 from coopsim.world.traffic.steered import DRY
 
@@ -89,7 +92,7 @@ class Traffic:
     ("acceleration" or "planner") or the accelerations and steering ("steering") of agents; `engine` is one of
     `ENGINES`. Control is about the connected cars with the numbers in `driven`; None: all. With a `script`, its
     vehicles take the place of drawn ones on the roads: the ego in row 0, then the others in their order. Steered cars
-    have goals at a distance within `route_m`, and tyres with the friction `grip`.
+    have goals at a distance within `route_m`, and tyres with the friction `grip`; meshes of `furnishing` stop them.
 
     Attributes:
         fleet: the vehicles, moving ones first, then parked ones.
@@ -109,9 +112,10 @@ class Traffic:
         driven: Sequence[int] | None = None,
         route_m: tuple[float, float] = ROUTE_M,
         grip: float = DRY,
+        furnishing: Sequence[StaticPart] = (),
     ) -> None:
         require_choice("traffic", engine, ENGINES)
-        self._layout, self._models = layout, models
+        self._layout, self._models, self._furnishing = layout, models, furnishing
         self._network = NumberedNetwork(layout.network)
         self._spawner = Spawner(layout, self._network, models, seed)
         self._rng = self._spawner.rng
@@ -168,11 +172,17 @@ class Traffic:
 
     def _let_steer(self, seed: int, route_m: tuple[float, float], grip: float) -> SteeredCars | None:
         """Return the cars that agents steer; None: there are none."""
-        lights, places = self._engine.lights, self._layout.road_map
+        lights, layout = self._engine.lights, self._layout
         if lights is None or not (self.fleet.rows["driver"] == STEERED).any():
             return None
-        outlines = [*places.buildings, *places.walls]
-        return SteeredCars(self.fleet, self._network.arrays, lights.movements, outlines, seed, route_m, grip)
+        places = layout.road_map
+        obstacles = Obstacles([*places.buildings, *places.walls], self._furnishing, layout.heights)
+        kerbs = None if layout.relief is None else partial(Kerbs, places.pavements, layout.heights)
+        return SteeredCars(self.fleet, self._network.arrays, lights.movements, obstacles, kerbs, seed, route_m, grip)
+
+    def hit(self, number: int) -> str:
+        """Return the obstacle beside the road that a steered car has crashed into, by its number, "" for none."""
+        return "" if self._steered is None else self._steered.hit(self.connected[number])
 
     def release(self, number: int) -> None:
         """Hand a steered car to the traffic model, by its number."""

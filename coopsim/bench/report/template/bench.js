@@ -1,6 +1,12 @@
 "use strict";
 
 const data = JSON.parse(document.getElementById("data").textContent);
+if (data.pooled) { // the mean over all scenarios stands before them
+  data.scenarios.unshift(data.pooled.name);
+  data.conditions.forEach((condition) => (condition.scenario += 1));
+  data.conditions.unshift(...data.pooled.at.map((at) => ({ scenario: 0, at })));
+  for (const [name, rows] of Object.entries(data.values)) rows.forEach((row, k) => row.unshift(...data.pooled.values[name][k]));
+}
 const state = { metric: data.metrics[0], at: data.axes.map((axis) => axis.mildest), hidden: new Set() };
 const visible = () => data.policies.map((_, k) => k).filter((k) => !state.hidden.has(k));
 
@@ -11,6 +17,9 @@ const make = (name, attributes = {}, text = null) => {
   return made;
 };
 const option = (text, value, selected) => new Option(text, value, selected, selected);
+
+/** Whether names stand at the ends of lines, in place of a legend. */
+const labelled = () => fitBeside(data.policies);
 
 /** Mean and interval of a policy in a condition; null where there is none. */
 function pointAt(policy, condition) {
@@ -30,30 +39,55 @@ function describe(output, point) {
   output.value = `${parts.filter((part) => part).join(", ")}: ${+mean.toPrecision(4)}${interval}`;
 }
 
-/** A panel per scenario, all with the same vertical scale; with one scenario, all plots stand in one grid. */
+const each = document.getElementById("each");
+let later = []; // what draws the charts of each scenario, when they are asked for
+
+function panel(panels, title, points, vertical, draw, scenario) {
+  const figure = panels.appendChild(make("figure"));
+  const caption = figure.appendChild(make("figcaption"));
+  caption.append(make("b", {}, title));
+  const output = caption.appendChild(make("output"));
+  if (points.length) figure.append(draw(points, vertical, (point) => describe(output, point), scenario));
+  else caption.append(make("span", { className: "dim" }, "not run"));
+}
+
+/** A chart over all scenarios, and later one of each of them, with a vertical scale of their own. */
 function panelsOf(title, pointsOf, draw) {
-  const all = data.scenarios.map((_, scenario) => pointsOf(scenario));
-  if (!all.flat().length) return;
   const plots = document.getElementById("plots");
-  const alone = data.scenarios.length === 1;
-  if (!alone) plots.append(make("h3", {}, title));
-  const panels = (alone && plots.lastChild) || plots.appendChild(make("div", { className: "panels" }));
-  const vertical = verticalScale(all.flat());
-  all.forEach((points, scenario) => {
-    const figure = panels.appendChild(make("figure"));
-    const caption = figure.appendChild(make("figcaption"));
-    caption.append(make("b", {}, alone ? title : data.scenarios[scenario]));
-    const output = caption.appendChild(make("output"));
-    if (points.length) figure.append(draw(points, vertical, (point) => describe(output, point), data.scenarios[scenario]));
-    else caption.append(make("span", { className: "dim" }, "not run"));
+  const panels = plots.lastChild ?? plots.appendChild(make("div", { className: "panels" }));
+  const points = pointsOf(0);
+  if (points.length) panel(panels, title, points, verticalScale(points), draw, data.scenarios[0]);
+  if (!data.pooled) return;
+  later.push(() => {
+    const all = data.scenarios.map((_, scenario) => pointsOf(scenario)).slice(1);
+    if (!all.flat().length) return;
+    each.append(make("h3", {}, title));
+    const row = each.appendChild(make("div", { className: "panels" }));
+    const vertical = verticalScale(all.flat());
+    all.forEach((points, k) => panel(row, data.scenarios[k + 1], points, vertical, draw, data.scenarios[k + 1]));
   });
 }
+
+function drawEach() {
+  if (!each.open) return;
+  later.forEach((draws) => draws());
+  later = [];
+}
+each.ontoggle = drawEach;
+
+/** A chart in words: the values of each policy from left to right. */
+const inWords = (title, points) =>
+  [...new Set(points.map(({ policy }) => policy))].reduce((text, policy) => {
+    const values = points.filter((point) => point.policy === policy).map(({ mean }) => +mean.toPrecision(3));
+    return `${text} ${data.policies[policy]}: ${values.join(", ")}.`;
+  }, `${title}.`);
 
 function series(svg, policy) {
   return svg.appendChild(element("g", { class: "series", "data-policy": policy }));
 }
 
 function curve(axis, free) {
+  RIGHT = labelled() ? widthOf(data.policies) : 14;
   const horizontal = axisScale(axis);
   const pointsOf = (scenario) =>
     conditions
@@ -61,8 +95,10 @@ function curve(axis, free) {
       .flatMap((condition) => visible().map((policy) => pointAt(policy, condition.k)))
       .filter((point) => point !== null);
   panelsOf(`${state.metric.name} against ${axis.title}`, pointsOf, (points, vertical, tell, scenario) => {
-    const svg = frameOf(horizontal, vertical, axis.label, state.metric.name, `${state.metric.name} against ${axis.title}, ${scenario}`);
+    const words = inWords(`${state.metric.name} against ${axis.title}, ${scenario}`, points);
+    const svg = frameOf(horizontal, vertical, axis.label, state.metric.name, words);
     const shown = [...new Set(points.map((point) => point.policy))];
+    const ends = [];
     shown.forEach((policy, n) => {
       // Side by side by a pixel or two, so that whiskers do not hide each other.
       const shift = (n - (shown.length - 1) / 2) * Math.min(3, 14 / shown.length);
@@ -73,7 +109,10 @@ function curve(axis, free) {
       const line = mine.map((point) => `${xOf(point).toFixed(1)},${vertical.place(point.mean).toFixed(1)}`).join(" ");
       if (!axis.named) group.append(element("polyline", { points: line, fill: "none", stroke: color, "stroke-width": 1.8, "stroke-dasharray": dash }));
       for (const point of mine) group.append(pointOf(policy, xOf(point), point, vertical, tell));
+      const last = mine[mine.length - 1];
+      ends.push({ policy, x: xOf(last), y: vertical.place(last.mean) });
     });
+    if (RIGHT > 14) labelEnds(svg, ends);
     return svg;
   });
 }
@@ -89,12 +128,14 @@ function againstBytes() {
       .map((point) => ({ ...point, rate: rateOf(point) }));
   const everything = data.scenarios.flatMap((_, scenario) => pointsOf(scenario));
   if (!everything.some((point) => point.rate > 0)) return;
+  RIGHT = 14;
   const horizontal = bytesScale(everything.map((point) => point.rate));
   const chosen = (point) => held(data.conditions[point.condition], -1);
   panelsOf(`${state.metric.name} against bytes per second`, pointsOf, (points, vertical, tell, scenario) => {
-    const description = `${state.metric.name} against bytes per second, ${scenario}`;
-    const svg = frameOf(horizontal, vertical, "bytes per second that an agent broadcasts, log scale", state.metric.name, description);
-    const front = frontOf(points.filter(chosen), state.metric.less);
+    const words = inWords(`${state.metric.name} against bytes per second, ${scenario}`, points.filter(chosen));
+    const svg = frameOf(horizontal, vertical, "bytes per second that an agent broadcasts, log scale", state.metric.name, words);
+    const competing = points.filter((point) => chosen(point) && !data.bounds.includes(point.policy));
+    const front = frontOf(competing, state.metric.less);
     const steps = front.map((point, k) => {
       const [x, y] = [horizontal.place(point.rate), vertical.place(point.mean)];
       return k ? `H${x.toFixed(1)}V${y.toFixed(1)}` : `M${x.toFixed(1)},${y.toFixed(1)}`;
@@ -104,12 +145,14 @@ function againstBytes() {
       series(svg, point.policy).append(pointOf(point.policy, horizontal.place(point.rate), point, vertical, tell, !chosen(point)));
     }
     const taken = [];
-    for (const point of front.reverse()) {
+    const named = labelled() ? points.filter((point) => chosen(point) && !front.includes(point)) : [];
+    for (const point of [...front.reverse(), ...named]) {
       const [x, y, name] = [horizontal.place(point.rate), vertical.place(point.mean), data.policies[point.policy]];
-      const late = x > WIDTH * 0.6;
-      const [left, width] = [late ? x - 8 - 6.5 * name.length : x + 8, 6.5 * name.length];
-      // Names that would overlap are left out; the legend has them all.
-      if (taken.some(([l, w, top]) => Math.abs(top - y) < 13 && left < l + w && l < left + width)) continue;
+      const width = 6.5 * name.length;
+      const late = x + 8 + width > WIDTH - 4;
+      const left = late ? x - 8 - width : x + 8;
+      // Names that would overlap, or have no room, are left out; the legend has them all.
+      if (left < LEFT || taken.some(([l, w, top]) => Math.abs(top - y) < 13 && left < l + w && l < left + width)) continue;
       taken.push([left, width, y]);
       const text = { x: x + (late ? -8 : 8), y: y - 7, "text-anchor": late ? "end" : "start", class: "name" };
       svg.append(element("text", text, name));
@@ -121,9 +164,12 @@ function againstBytes() {
 function draw() {
   document.querySelectorAll("[data-metric]").forEach((part) => (part.hidden = part.dataset.metric !== state.metric?.name));
   document.getElementById("plots").replaceChildren();
+  each.replaceChildren(...[...each.children].slice(0, 1)); // its summary
+  later = [];
   if (state.metric) data.axes.forEach(curve);
   if (state.metric && data.bytes in data.values) againstBytes();
-  document.getElementById("curves").hidden = !document.getElementById("plots").childElementCount;
+  document.getElementById("curves").hidden = !document.querySelector("#plots figure");
+  drawEach();
 }
 
 function swatch(policy) {
@@ -135,6 +181,8 @@ function swatch(policy) {
 }
 
 const legend = document.getElementById("legend");
+legend.hidden = labelled();
+each.hidden = !data.pooled;
 data.policies.forEach((name, k) => {
   const button = legend.appendChild(make("button", { type: "button" }));
   button.append(swatch(k), name);
@@ -186,10 +234,11 @@ document.querySelectorAll("table.sortable").forEach((table) => {
 });
 
 /** Let a figure's slider and button play `count` frames; returns what shows one. */
-function playing(figure, count, dt_s, show) {
+function playing(figure, count, dt_s, show, first = 0) {
   const [button, slider] = [figure.querySelector(".player button"), figure.querySelector("input")];
   let timer = null;
   slider.max = count - 1;
+  slider.value = first;
   const seek = (index) => { slider.value = index; show(Number(slider.value)); };
   button.onclick = () => {
     button.textContent = timer === null ? "Pause" : "Play";
@@ -212,6 +261,8 @@ document.querySelectorAll("[data-pair]").forEach((figure) => {
   const pair = data.pairs[figure.dataset.pair];
   const sides = pair.sides.map((side) => decodeScene({ ...data.drawing, ...pair, ...side }));
   const clock = figure.querySelector("output");
+  const frameAt = (button) => Math.round((button.dataset.s - pair.start_s) / pair.dt_s);
+  const moments = [...figure.querySelectorAll(".pair > :first-child .moment")].map(frameAt); // the last tells most
   const canvases = [...figure.querySelectorAll("canvas")];
   const seek = playing(figure, Math.max(...sides.map((side) => side.frames.length)), pair.dt_s, (wanted) => {
     canvases.forEach((canvas) => {
@@ -223,9 +274,9 @@ document.querySelectorAll("[data-pair]").forEach((figure) => {
       if (side.marks) drawMarks(canvas, side, index, view);
     });
     clock.value = `${(pair.start_s + wanted * pair.dt_s).toFixed(1)} s`;
-  });
+  }, Math.max(0, ...moments));
   figure.querySelectorAll(".moment").forEach((button) => {
-    button.onclick = () => seek(Math.round((button.dataset.s - pair.start_s) / pair.dt_s));
+    button.onclick = () => seek(frameAt(button));
   });
 });
 

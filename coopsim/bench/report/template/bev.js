@@ -1,7 +1,6 @@
 "use strict";
 
 // The bird's-eye view of all pages. Numbers come as integers in base64: `unit` metres, or `turn` radians, to the step.
-const COLORS = ["#2f7fc1", "#d4601c", "#2a9260", "#b0529e", "#a07d13", "#5f6ad4"]; // 3:1 on white and on black
 const BOX = 6; // id, x, y, length, width, yaw
 const TRAIL_S = 1;
 const bytes = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer;
@@ -48,7 +47,7 @@ function drawFromAbove(canvas, scene, index, tracks, { agent, eye, span, layers 
   const spot = (boxes, k) => [toX(boxes[k + 1] * scene.unit), toY(boxes[k + 2] * scene.unit)];
   context.fillStyle = scene.colors.background;
   context.fillRect(0, 0, width, height);
-  const fill = (polygons, color) => {
+  const fill = (polygons, color, edge = false) => {
     context.fillStyle = color;
     context.beginPath();
     for (const polygon of polygons) {
@@ -56,9 +55,12 @@ function drawFromAbove(canvas, scene, index, tracks, { agent, eye, span, layers 
       context.closePath();
     }
     context.fill("nonzero");
+    if (edge) context.stroke();
   };
   const { bars, ...ground } = scene.map;
-  for (const [name, polygons] of Object.entries(ground)) fill(polygons, scene.colors[name]);
+  context.strokeStyle = scene.colors.kerb;
+  context.lineWidth = 1;
+  for (const [name, polygons] of Object.entries(ground)) fill(polygons, scene.colors[name], name === "pavements");
   const frame = scene.frames[index];
   [...frame.lights].forEach((letter, k) => fill([bars[k]], scene.colors[letter]));
   if (layers.points) {
@@ -79,9 +81,10 @@ function drawFromAbove(canvas, scene, index, tracks, { agent, eye, span, layers 
   }
   context.font = "12px system-ui, sans-serif";
   const write = (text, x, y) => writeOnHalo(context, scene.colors.background, text, x, y);
-  context.fillStyle = context.strokeStyle = scene.colors.agent;
   context.lineWidth = 1;
+  const colorOf = (name) => scene.colors[name === agent ? "agent" : "connected"];
   for (const [name, x, y, riding] of frame.agents) {
+    context.fillStyle = context.strokeStyle = colorOf(name);
     const body = riding ? bodyAt(scene, frame.truth, x, y) : null;
     if (body === null) {
       context.beginPath();
@@ -93,8 +96,10 @@ function drawFromAbove(canvas, scene, index, tracks, { agent, eye, span, layers 
     if (name === agent) context.fill();
   }
   if (layers.tracks) drawTracks(context, scene, index, tracks, agent, { spot, outline, write, ids: layers.ids });
-  context.fillStyle = scene.colors.agent;
-  for (const [name, x, y] of frame.agents) write(name, toX(x) + 8, toY(y) - 8);
+  for (const [name, x, y] of frame.agents) {
+    context.fillStyle = colorOf(name);
+    write(name, toX(x) + 8, toY(y) - 8);
+  }
   const metres = nice(60 / scale); // the scale's bar
   context.fillStyle = scene.colors.text;
   context.fillRect(12, height - 14, metres * scale, 3);
@@ -230,7 +235,7 @@ function drawMarks(canvas, scene, index, { agent, eye, span }) {
   const { met, arrived, crash } = scene.marks[index];
   const spots = Object.fromEntries(scene.frames[index].agents.map(([name, x, y]) => [name, place(x, y)]));
   context.lineWidth = 2;
-  context.strokeStyle = "#5cc8ff";
+  context.strokeStyle = scene.colors.connected;
   for (const name of arrived) {
     context.beginPath();
     context.moveTo(...spots[name]);
@@ -238,14 +243,14 @@ function drawMarks(canvas, scene, index, { agent, eye, span }) {
     context.stroke();
   }
   for (const [x, y, known] of met) {
-    context.strokeStyle = known ? "#ff7a42" : "#e2e6ec";
+    context.strokeStyle = known ? scene.colors.track : scene.colors.hidden;
     context.beginPath();
     context.arc(...place(x, y), 13, 0, 7);
     context.stroke();
   }
   if (!crash) return;
   const [x, y] = place(...scene.crash);
-  context.strokeStyle = "#ff5454";
+  context.strokeStyle = scene.colors.crash;
   context.beginPath();
   for (let k = 0; k < 20; k++) {
     const [reach, turn] = [k % 2 ? 24 : 12, (k * Math.PI) / 10];

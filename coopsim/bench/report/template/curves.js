@@ -1,15 +1,50 @@
 "use strict";
 
-// Plots in SVG. A series is a policy: its colour, dash and marker are the same in every plot.
+// Charts in SVG. A series is a policy: its colour, dash and marker are those of `coopsim.viz.charts`.
 const DASHES_OF = ["", "6 4", "2 3"];
 const MARKERS = ["circle", "square", "diamond", "triangle", "down", "cross"];
-const [WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM] = [460, 300, 44, 14, 10, 44];
+const [WIDTH, HEIGHT, LEFT, TOP, BOTTOM] = [460, 300, 44, 10, 44];
+let RIGHT = 14; // more where names stand at the ends of lines
 
-const look = (k) => ({
-  color: COLORS[k % COLORS.length],
-  dash: DASHES_OF[Math.floor(k / COLORS.length) % DASHES_OF.length],
-  marker: MARKERS[(k + Math.floor(k / COLORS.length)) % MARKERS.length],
-});
+const look = (k) => {
+  const [color, dash, kind] = data.looks[k];
+  return { color, dash: DASHES_OF[dash], marker: MARKERS[kind] };
+};
+
+/** A name on one line, or on two where its parameters begin. */
+const linesOf = (name) => {
+  const at = name.search(/[( ]/);
+  return at > 0 ? [name.slice(0, at), name.slice(at).trim()] : [name];
+};
+const [MOST_LABELS, LETTER_PX, LABEL_PX] = [6, 6.2, 150];
+const widthOf = (names) => LETTER_PX * Math.max(...names.flatMap(linesOf).map((line) => line.length)) + 14;
+const fitBeside = (names) => names.length <= MOST_LABELS && widthOf(names) <= LABEL_PX;
+
+/** Places that rise as the given ones do, and are `gap` apart: moved as little as need be. */
+function spread(places, gap, low, high) {
+  const order = places.map((_, k) => k).sort((a, b) => places[a] - places[b]);
+  const found = [];
+  let least = low;
+  for (const k of order) least = (found[k] = Math.max(places[k], least)) + gap;
+  let most = high;
+  for (const k of order.reverse()) most = (found[k] = Math.min(found[k], most)) - gap;
+  return found;
+}
+
+/** Names at the right of a chart, level with the ends of their lines or moved apart. */
+function labelEnds(svg, ends) {
+  const gap = Math.max(...ends.map(({ policy }) => linesOf(data.policies[policy]).length)) * 13 + 2;
+  const places = spread(ends.map(({ y }) => y), gap, TOP + 6, HEIGHT - BOTTOM);
+  ends.forEach(({ policy, x, y }, k) => {
+    const [left, color] = [WIDTH - RIGHT + 6, look(policy).color];
+    if (x < left - 14 || Math.abs(places[k] - y) > 3) {
+      svg.append(element("path", { d: `M${x + 5},${y}L${left - 2},${places[k]}`, stroke: color, class: "lead" }));
+    }
+    const lines = linesOf(data.policies[policy]);
+    const text = svg.appendChild(element("text", { x: left, y: places[k] + 4 - 6.5 * (lines.length - 1), class: "name" }));
+    lines.forEach((line, n) => text.append(element("tspan", { x: left, dy: 13 * (n > 0) }, line)));
+  });
+}
 
 function element(name, attributes = {}, text = null) {
   const made = document.createElementNS("http://www.w3.org/2000/svg", name);
@@ -140,9 +175,9 @@ function pointOf(policy, x, point, vertical, tell, small = false) {
   const y = vertical.place(point.mean);
   const cut = (value) => Math.min(Math.max(vertical.place(value), TOP - 4), HEIGHT - BOTTOM);
   if (!small && point.low !== null) {
-    group.append(element("line", { x1: x, x2: x, y1: cut(point.low), y2: cut(point.high), stroke: color, "stroke-width": 1.3, opacity: 0.75 }));
+    group.append(element("line", { x1: x, x2: x, y1: cut(point.low), y2: cut(point.high), stroke: color, class: "whisker" }));
   }
-  group.append(marker(kind, x, y, small ? 2.6 : 3.8, { fill: color }));
+  group.append(marker(kind, x, y, small ? 2.6 : 4, { fill: color, class: "mark" }));
   const target = element("circle", { cx: x, cy: y, r: small ? 5 : 10, fill: "transparent" });
   target.onpointerenter = target.onclick = () => tell(point);
   group.append(target);

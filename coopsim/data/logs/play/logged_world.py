@@ -9,13 +9,12 @@ import numpy as np
 from coopsim.data.logs.play.choice import Choice
 from coopsim.data.logs.play.drivers import Drivers
 from coopsim.data.logs.play.shapes import fitted_models
-from coopsim.data.logs.track_log import Moment
 from coopsim.geometry import exact
 from coopsim.geometry.boxes import Boxes3D
-from coopsim.geometry.se3 import SE3, Floats
 from coopsim.support.rng import uniform_numbers
 from coopsim.types.driving import CarState, Command, acceleration_of
 from coopsim.world.models.paint import draw_colors
+from coopsim.world.places.layout import Cars
 from coopsim.world.scenario import Scenario
 from coopsim.world.snapshot import Actors, AgentBody, StaticPart
 
@@ -89,7 +88,7 @@ class LoggedWorld:
         """Return the road users of this moment."""
         now, track = self._now, self._now.track
         size = self._size[track]
-        middle = self._on_ground(now.place)
+        middle = self._layout.on_ground(now.place[:, :2])
         middle[:, 2] += size[:, 2] / 2
         first, second = self._colors
         phase = np.mod(self._travelled_m / self._cycle_m + self._phase, 1.0)
@@ -106,18 +105,7 @@ class LoggedWorld:
 
     def agents(self) -> dict[str, AgentBody]:
         """Return connected cars, then roadside units, then drones."""
-        bodies: dict[str, AgentBody] = {}
-        for k, track in enumerate(self._connected.tolist()):
-            pose = self._pose(self._now, track)
-            height_m = float(self._size[track, 2])
-            bodies[f"cav_{k}"] = AgentBody(f"cav_{k}", "cav", track + 1, pose, height_m)
-        population = self._population
-        return bodies | self._layout.posts(population.rsus, population.drones, self._time_s)
-
-    def _pose(self, now: Moment, track: int) -> SE3:
-        row = int(np.searchsorted(now.track, track))
-        return SE3.from_xyz_yaw(self._on_ground(now.place[row : row + 1])[0], float(now.heading[row]))
-
-    def _on_ground(self, place: Floats) -> Floats:
-        """Return places (M, 3) on the ground of the scenario, whatever height the log has."""
-        return np.column_stack([place[:, :2], self._layout.heights(place[:, :2])])
+        now, cars = self._now, self._connected
+        row = np.searchsorted(now.track, cars)
+        bodies = Cars(cars + 1, now.place[row, :2], now.heading[row], self._size[cars, 2])
+        return self._layout.agents(bodies, (self._population.rsus, self._population.drones), self._time_s)

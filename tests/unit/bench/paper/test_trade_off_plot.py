@@ -24,7 +24,7 @@ def test_every_policy_has_a_label_and_what_it_sends_is_told_once() -> None:
     text = trade_off(TABLE, "sAMOTA", SENDS)
     words = re.findall(r">([^<>]+)</text>", text)
     assert {"silent", "boxes", "maps &lt;b&gt;", "_odd"} <= set(words)
-    assert {"nothing", "features", "Pareto front", "sAMOTA", "0"} <= set(words) and "points" not in words
+    assert {"sends nothing", "sends features", "Pareto front", "sAMOTA", "0"} <= set(words) and "points" not in words
     assert words.count("features") == 1 and text == trade_off(TABLE, "sAMOTA", SENDS)
     with pytest.raises(UnknownNameError, match="metric"):
         trade_off(TABLE, "nothing", SENDS)

@@ -108,3 +108,16 @@ def test_a_report_begins_with_it_unless_a_title_was_asked_for() -> None:
     assert page.texts("h1") == ["Do messages prevent crashes?"]
     assert found(table).verdict in page.texts("p")
     assert Page(render_bench_report(table, About("Ours"))).texts("h1") == ["Ours"]
+
+
+def test_drives_of_both_kinds_are_told_apart_and_as_traffic_has_them_comes_first() -> None:
+    both = [Condition("interaction(kind=cut_in)"), Condition("merge_barrier")]
+    results = crash_results(
+        lambda policy, condition, seed: seed < RATES[policy] * (condition.scenario == "merge_barrier"), conditions=both
+    )
+    answer = answer_of(ResultTable.of(results))
+    assert answer is not None and answer.question == "Do messages prevent crashes?"
+    heads = [head for head, _ in answer.points]
+    assert heads[:2] == ["Drives as traffic has them", "Drives made to need messages"]
+    assert "crashes in 0.0 % of 10 drives" in answer.points[0][1]
+    assert "crashes in 50.0 % of 10 drives, with messages in 20.0 %" in answer.points[1][1]

@@ -9,11 +9,11 @@ import pytest
 from html_page import Page
 
 from coopsim.bench.grid.cell import Condition
+from coopsim.bench.paper.trade_off_plot import trade_off
 from coopsim.bench.report.bench_plots import plots
 from coopsim.bench.report.bench_report import About, render_bench_report
 from coopsim.bench.report.crashes_page import crashes_section, matrix_html
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.bench.safety.safety_plots import crash_plots
 from coopsim.bench.safety.safety_text import to_safety_markdown
 from tests.helpers.crashes import RATES, crash_results
 
@@ -36,6 +36,11 @@ def test_without_a_policy_that_sends_nothing_only_rates_are_told() -> None:
     loud = [each for each in crash_results(conditions=LATE) if each.cell.policy != "no_fusion"]
     text = to_safety_markdown(ResultTable.of(loud))
     assert "## Crash rates" in text and "## What messages change" not in text and "Where the gain" not in text
+
+
+def crash_plots(table: ResultTable) -> dict[str, str]:
+    """Draw the figures of crash rates that a folder of results has."""
+    return {**plots(table, "crash", together=True), "crash_over_bytes.svg": trade_off(table, "crash", {})}
 
 
 def test_figures_and_matrix_have_every_policy() -> None:
@@ -83,6 +88,26 @@ def test_the_page_has_all_tables() -> None:
     table = ResultTable.of(crash_results(conditions=LATE))
     page = Page(crashes_section(table))
     assert page.texts("h3") == ["What messages change", "What messages cost", "Under latency"]
-    assert {"avoided", "caused", "gone at", "phantom_brakes"} <= set(page.texts("th"))
+    assert {"avoided", "caused", "gain ends at", "phantom brakes"} <= set(page.texts("th"))
     lied = Page(crashes_section(ResultTable.of(crash_results(conditions=ATTACKED))))
     assert "What lies cost" in lied.texts("h3") and "cav_1=remove" in lied.texts("td", "about")
+
+
+def test_drives_as_traffic_has_them_stand_beside_those_made_to_need_messages() -> None:
+    both = [Condition("interaction(kind=cut_in)"), Condition("merge_barrier")]
+    results = crash_results(
+        lambda policy, condition, seed: seed < RATES[policy] * (condition.scenario == "merge_barrier"),
+        conditions=both,
+        epdms=lambda policy: 100.0 - RATES[policy],
+    )
+    text = to_safety_markdown(ResultTable.of(results))
+    rows = [" ".join(line.split()) for line in text.splitlines()]
+    assert any(row.startswith("| as traffic has them | 0 % (0 to 28) |") for row in rows)
+    assert any(row.startswith("| late_fusion | made to need messages | 10 | 50 % | 20 % | 3 | 0 |") for row in rows)
+    scores = [row for row in rows if row.startswith("| late_fusion | as traffic has them | ")]
+    assert any(
+        row.startswith("| late_fusion | as traffic has them | epdms | 10 | 95.0 | 98.0 | +3.0") for row in scores
+    )
+    assert not any(
+        "as traffic has them" in row for row in to_safety_markdown(ResultTable.of(crash_results())).splitlines()
+    )

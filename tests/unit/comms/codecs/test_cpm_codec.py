@@ -11,6 +11,7 @@ import pytest
 from codec_samples import some_detections, some_perception
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from unaligned_bits import bits
 
 from coopsim.comms.codecs.codec import decoder
 from coopsim.comms.codecs.cpm_codec import CollectivePerception, CpmCodec, messages
@@ -64,12 +65,6 @@ def test_all_that_is_in_range_comes_back_within_the_stated_errors(
     if len(rows):
         assert found.velocity is not None
         assert np.abs(found.velocity - velocity).max() <= 0.005 + 1e-9
-
-
-def bits(*fields: tuple[int, int]) -> bytes:
-    """Values and their widths in bits as bytes, the last filled with zeros."""
-    text = "".join(f"{value:0{width}b}" for value, width in fields)
-    return int(text.ljust(-(-len(text) // 8) * 8, "0"), 2).to_bytes(-(-len(text) // 8), "big")
 
 
 def test_the_bits_are_those_that_unaligned_per_gives() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from unaligned_bits import bits
 
 from coopsim.comms.codecs import dsrc
 from coopsim.comms.codecs.dsrc import decode_mapem, decode_spatem, encode_mapem, encode_spatem, require_dsrc
@@ -31,12 +32,6 @@ FOREIGN_MAPEM = bytes.fromhex(
     "120070005600180000002017f8300dfe00"
 )
 WITH_ENABLED_LANES = bytes.fromhex("020400003039001c000080000000005000000300001001")
-
-
-def bits(*fields: tuple[int, int]) -> bytes:
-    """Values and their widths in bits as bytes, the last filled with zeros."""
-    text = "".join(f"{value:0{width}b}" for value, width in fields)
-    return int(text.ljust(-(-len(text) // 8) * 8, "0"), 2).to_bytes(-(-len(text) // 8), "big")
 
 
 def test_the_bits_are_those_that_unaligned_per_gives() -> None:

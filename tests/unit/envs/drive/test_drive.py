@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -14,10 +15,15 @@ from numpy.typing import NDArray
 from pettingzoo.test import parallel_api_test
 
 import coopsim
-from coopsim.envs import DriveEnv, DriveParallel, RouteReward
-from coopsim.envs.drive.surface import Surface
+from coopsim.envs import DriveEnv, DriveParallel, DriveStep, PlannedDriver, RouteReward
+from coopsim.envs.drive.observation import observe
+from coopsim.envs.drive.outcome import runs_red_light
 from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError, UnknownNameError
-from coopsim.types.driving import CarState
+from coopsim.geometry.se3 import SE3
+from coopsim.metrics.evaluator import FrameCounts
+from coopsim.types.driving import GREEN, NO_LIGHT, RED, CarState, Route
+from coopsim.world.snapshot import Actors
+from coopsim.world.world import World
 
 FEW = {"place": "crossing", "vehicles": 4, "pedestrians": 0}
 STAY = np.float32([-8.0, 0.0])
@@ -51,6 +57,25 @@ def test_a_car_that_follows_its_route_alone_arrives_in_time() -> None:
     assert info["arrive_dest"] and info["is_success"] and info["route_completion"] == 1.0
     assert not (info["crash"] or info["out_of_road"] or info["max_step"])
     assert info["reward_parts"]["arrive"] == 5.0 and sum(rewards) > 20
+
+
+@pytest.mark.parametrize("planner", ["route_follower", "idm_aeb"])
+def test_a_planner_drives_in_the_place_of_a_learner(planner: str) -> None:
+    env = DriveEnv(place="urban_grid", vehicles=2, pedestrians=0, route_m=(60, 60))
+    env.reset(seed=1)
+    driver, over, info = PlannedDriver(env.parallel, planner), False, {}
+    while not over:
+        action = driver.act()
+        assert env.action_space.contains(action)
+        _, _, terminated, truncated, info = env.step(action)
+        over = terminated or truncated
+    assert info["arrive_dest"]
+
+
+def test_a_planner_drives_a_car_that_there_is() -> None:
+    env = DriveParallel(**FEW)
+    with pytest.raises(UnknownNameError, match="cav_1"):
+        PlannedDriver(env, "idm_aeb", "cav_1")
 
 
 def test_everybody_drives_on_the_surface_of_the_road() -> None:
@@ -194,15 +219,82 @@ def test_observations_lie_in_their_bounds_and_show_who_is_near() -> None:
     assert len(apart) and (np.diff(apart) >= 0).all() and apart.max() <= 1.0
 
 
+def test_a_step_makes_nothing_that_only_pictures_and_sensors_need(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = DriveEnv(**FEW)
+    env.reset(seed=0)
+    made, steps = [], 5
+    for kind, name in (
+        (World, "actors"),
+        (World, "agents"),
+        (World, "road_users"),
+        (Actors, "trusted"),
+        (SE3, "inverse"),
+    ):
+        usual = getattr(kind, name)
+
+        def counted(*given: Any, usual: Any = usual, name: str = name) -> Any:
+            made.append(name)
+            return usual(*given)
+
+        monkeypatch.setattr(kind, name, counted)
+    for _ in range(steps):
+        env.step(np.float32([0.0, 0.0]))
+    assert made == ["road_users"] * steps
+
+
+def test_road_users_are_where_actors_are() -> None:
+    env = DriveEnv(place="urban_grid", vehicles=8, pedestrians=4, bicycles=2)
+    env.reset(seed=4)
+    users, actors = env.parallel.world.road_users(), env.parallel.world.actors()
+    np.testing.assert_array_equal(users.position, actors.boxes.center[:, :2])
+    np.testing.assert_array_equal(users.velocity, actors.velocity)
+    np.testing.assert_array_equal(users.label, actors.label)
+    np.testing.assert_array_equal(users.size, actors.boxes.size)
+    assert actors.id[env.parallel.world.row_of("cav_0")] == env.parallel.world.agents()["cav_0"].actor_id
+
+
+def test_others_are_seen_from_the_car_by_hand() -> None:
+    env = DriveEnv(**FEW)
+    env.reset(seed=4)
+    world = env.parallel.world
+    me = world.row_of("cav_0")
+    rows, other = world.fleet.rows, (me + 1) % 4
+    rows["x"][me], rows["y"][me], rows["heading"][me] = 0.0, 0.0, math.pi / 2
+    rows["x"][other], rows["y"][other], rows["heading"][other], rows["speed"][other] = -3.0, 12.0, math.pi, 4.0
+    rows["steering"][other] = 0.0
+    seen = observe(world.car_ahead("cav_0"), me, world.road_users(), 0.5)
+    first = seen[68:78]
+    length, width, _ = world.models[rows["model"][other]].size_m
+    wanted = [12 / 60, 3 / 60, 0, 4 / 40, 0, 1, length / 20, width / 4, 0, 1]
+    np.testing.assert_allclose(first, wanted, atol=1e-6)
+
+
+def with_light(route: Route, light: int) -> Route:
+    return replace(route, lights=np.full(len(route.points), light))
+
+
+def test_a_line_crossed_at_red_is_told_and_costs() -> None:
+    env = DriveEnv(**FEW)
+    env.reset(seed=0)
+    car = env.parallel.world.car_ahead("cav_0")
+    none, green, red = (replace(car, route=with_light(car.route, light)) for light in (NO_LIGHT, GREEN, RED))
+    assert runs_red_light(none, red) and not runs_red_light(none, green) and not runs_red_light(green, red)
+    assert not runs_red_light(replace(car, route=replace(car.route, lights=np.zeros(0, np.int64))), red)
+    assert RouteReward().events(arrives=False, leaves=False, red_light=True)["red_light"] == -2.5
+
+
+def test_there_is_no_progress_from_a_red_light_on() -> None:
+    env = DriveEnv(**FEW)
+    env.reset(seed=0)
+    car = env.parallel.world.car_ahead("cav_0")
+    stop = replace(car, route=replace(car.route, speed_limit_m_s=np.zeros(len(car.route.points))))
+    along = np.array([1.0, 0.0])
+    counts = FrameCounts(0, 0, 0, 0, 0)
+    assert RouteReward().parts(DriveStep(counts, 0.1, car, car, along))["progress"] > 0
+    assert RouteReward().parts(DriveStep(counts, 0.1, stop, car, along))["progress"] == 0
+
+
 def test_wet_roads_are_slippery() -> None:
     dry, wet = (DriveParallel(**FEW, weather=weather) for weather in (None, "rain"))
     assert dry._grip == 0.85 and wet._grip == pytest.approx(0.6)
     assert DriveParallel(**FEW, grip=0.2)._grip == 0.2
-
-
-def test_a_surface_covers_what_lies_in_any_of_its_outlines() -> None:
-    corner = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 1.0], [1.0, 1.0], [1.0, 4.0], [0.0, 4.0]])
-    surface = Surface([corner, corner + 10.0])
-    points = np.array([[0.5, 3.0], [3.0, 0.5], [3.0, 3.0], [10.5, 13.0], [-1.0, 0.5]])
-    assert surface.covers(points).tolist() == [True, True, False, True, False]
-    assert not Surface([]).covers(points).any()

@@ -12,7 +12,7 @@ from worlds import DT_S, make_world
 
 from coopsim.types.driving import LARGEST_STEERING_RAD
 from coopsim.world.traffic.fleet import STEERED, VEHICLE
-from coopsim.world.traffic.steered import DRY, STEERING_RAD_S, WET, Walls, actuate, roll
+from coopsim.world.traffic.steered import DRY, STEERING_RAD_S, WET, actuate, roll
 from coopsim.world.world import World
 
 GRAVITY_M_S2 = 9.81
@@ -82,22 +82,6 @@ def test_front_wheels_lag_and_turn_no_faster_than_they_can() -> None:
     turned = np.diff(angles)
     assert turned.max() == pytest.approx(STEERING_RAD_S * DT_S) and (turned >= 0).all()
     assert angles[-1] == pytest.approx(LARGEST_STEERING_RAD, rel=0.01) and angles[10] < 0.45
-
-
-@pytest.mark.parametrize(("x", "meets"), [(5.0, False), (2.3, False), (2.2, True), (0.0, True), (-2.3, False)])
-def test_walls_stop_what_reaches_them(x: float, meets: bool) -> None:
-    row = car(5.0)
-    Walls([np.array([[x, -5.0], [x, 5.0], [x + 1e-6, 5.0]])]).stop(row[0])
-    assert bool(row["crashed"][0]) == meets
-
-
-def test_a_house_around_a_car_is_met_from_within_its_sides_alone() -> None:
-    row = car(5.0)
-    Walls([np.array([[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]])]).stop(row[0])
-    assert not row["crashed"][0]
-    row["heading"], row["x"] = math.pi / 2, 8.2
-    Walls([np.array([[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]])]).stop(row[0])
-    assert row["crashed"][0]
 
 
 def steered_world(place: str = "crossing", seed: int = 3, **numbers: Any) -> World:
