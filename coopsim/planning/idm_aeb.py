@@ -26,7 +26,7 @@ import numpy as np
 
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.interfaces.planner import PLANNERS, PlannedCar, Planner
-from coopsim.planning.told_ways import ToldWays, with_intents
+from coopsim.planning.told_ways import Known, ToldWays, with_intents
 from coopsim.support.checks import require_positive
 from coopsim.types import NS_PER_S, Ints, Mask, Tracks
 from coopsim.types.driving import HAS_PRIORITY, LARGEST_BRAKING_M_S2, NOBODY_FIRST, OUTER_SIDES
@@ -269,15 +269,6 @@ class IdmAeb(Planner):
         rates = np.array([each.turn_rate for each in self._known.values()])
         age_s = (car.time_ns - np.array([each.since_ns for each in self._known.values()])) / NS_PER_S
         return rates, np.minimum((age_s + car.dt_s) / _BELIEF_S, 1.0)
-
-
-class Known(NamedTuple):
-    """Knowledge of N tracks: the times (T,) s of prediction, turn rates (N,) rad/s, belief (N,), and told ways."""
-
-    times: Floats
-    turn_rates: Floats
-    belief: Floats
-    told: ToldWays | None
 
 
 class _Known(NamedTuple):

@@ -12,9 +12,10 @@ import numpy as np
 
 from coopsim.interfaces.planner import PLANNERS, PlannedCar
 from coopsim.planning.evasion import EVADES_M_S2, bounds_m, shift_without_touch
-from coopsim.planning.idm_aeb import STANDS_M_S, IdmAeb, Known
+from coopsim.planning.idm_aeb import STANDS_M_S, IdmAeb
 from coopsim.planning.lane_choice import Lanes, gain_of_change, room_m
 from coopsim.planning.pursuit import beside, steering_angle
+from coopsim.planning.told_ways import Known
 from coopsim.support.checks import require_flag, require_positive
 from coopsim.types import NS_PER_S
 from coopsim.types.driving import LARGEST_BRAKING_M_S2
