@@ -109,11 +109,11 @@ def markdown_table(heads: Sequence[str], rows: Sequence[Sequence[str]], texts: i
 
 
 def difference_text(interval: Interval, form: str) -> str:
-    """Format a mean difference with its interval, if that has finite ends."""
-    mean = format_value(interval.mean, f"+{form}")
+    """Format a mean difference with its interval, if that has finite ends; -0 is +0."""
+    mean = format_value(interval.mean, f"+z{form}")
     if not np.isfinite([interval.low, interval.high]).all():
         return mean
-    return f"{mean} ({interval.low:+{form}} to {interval.high:+{form}})"
+    return f"{mean} ({interval.low:+z{form}} to {interval.high:+z{form}})"
 
 
 def to_csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
