@@ -6,8 +6,11 @@
 | `progress` | all infos | distance driven so far, per cent of that at the legal speed: the metric `progress` |
 | `crashed` | all infos | the car has touched another body |
 | `hit_by_log` | all infos | what it touched first follows a log, which cannot see the car, and drove into it |
+| `red_lights` | all infos | number of red lights that the car has run so far |
 | `route_completion` | all infos of steered cars | share of the way to the goal that is behind the car, in [0, 1] |
 | `arrive_dest` | all infos of steered cars | the car has reached its goal |
+| `out_of_route` | all infos of steered cars | its route is more than 30 m away |
+| `wrong_way` | all infos of steered cars | it is on lanes that all lead the other way |
 | `counts` | infos of steps | of the frame's tracks, of all agents |
 | `reward_parts` | infos of steps | the parts of the reward by name; their sum is the reward |
 | `is_success` | the last, in situations | the car has not crashed |
@@ -105,11 +108,12 @@ class EpisodeInfos:
             car = frame.agents[name].car
             assert car is not None
             infos[name] |= {"speed_m_s": car.speed_m_s, "progress": way.progress}
-            infos[name] |= {"crashed": car.crashed, "hit_by_log": car.hit_by_log}
+            infos[name] |= {"crashed": car.crashed, "hit_by_log": car.hit_by_log, "red_lights": car.red_lights}
             if math.isfinite(car.route.length_m):
                 way.arrived |= car.route.arrived and not car.crashed
                 completion = 1.0 if way.arrived else car.route.completion
                 infos[name] |= {"route_completion": completion, "arrive_dest": way.arrived}
+                infos[name] |= {"out_of_route": car.route.strayed, "wrong_way": car.wrong_way}
             if frame.last and self._staged:
                 infos[name]["is_success"] = not car.crashed
         return infos

@@ -34,7 +34,7 @@ from coopsim.catalog import PolicySpec
 from coopsim.cli.argument_types import names
 from coopsim.cli.arguments import stored_results
 from coopsim.support.files import write_whole
-from coopsim.viz.charts import PAGE_IN, looks, to_svg
+from coopsim.viz.charts import PAGE_IN, policy_styles, to_svg
 
 MESSAGES_PER_S = 10
 """Messages that each agent sends in the usual environments, of 0.1 s a frame."""
@@ -174,7 +174,7 @@ def figure(measured: Sequence[Measured], titles: dict[str, list[str]]) -> str:
 
     def draw(made: Any) -> None:
         panel = made.subplots()
-        for (title, policies), look in zip(titles.items(), looks(list(titles)).values(), strict=True):
+        for (title, policies), look in zip(titles.items(), policy_styles(list(titles)).values(), strict=True):
             mine = [each.values for each in measured if each.place == EVERYWHERE and each.policy in policies]
             pairs = [(each["bytes_per_message"][0], each["APBEV@0.5"][0]) for each in mine]
             points = sorted((size * MESSAGES_PER_S, ap) for size, ap in pairs if size is not None and ap is not None)

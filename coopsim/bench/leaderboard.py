@@ -23,7 +23,7 @@ from coopsim.metrics.metric import PRIMARY_METRIC
 from coopsim.metrics.score import Score
 from coopsim.provided import listening_env
 from coopsim.support.files import make_folder, write_whole
-from coopsim.viz.charts import PAGE_IN, Look, fit_beside, label_ends, legend_below, looks, to_svg
+from coopsim.viz.charts import PAGE_IN, Look, fit_beside, label_ends, legend_below, policy_styles, to_svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -133,7 +133,7 @@ def _place(value: float) -> float:
 
 def plot(results: Results, title: str) -> str:
     """Plot MOTA over recall as SVG, with a panel for each protocol and a line for each policy."""
-    styles = looks(list(results))
+    styles = policy_styles(list(results))
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots(1, 2, sharey=True)

@@ -7,13 +7,37 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+import numpy as np
+
 from coopsim.config.spec import instantiate, parse_spec
 from coopsim.errors import InvalidValueError
+from coopsim.geometry.se3 import Floats
+from coopsim.support.arrays import freeze
 from coopsim.support.registry import Registry
 from coopsim.support.user_code import class_at
 from coopsim.types import Tracks
 from coopsim.types.driving import Route
 from coopsim.types.intents import Intents
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Occlusions:
+    """Knowledge of what may hide others from a car, in the car's base frame. It holds no road user.
+
+    Attributes:
+        walls: (S, 4) x and y of both ends, m, of sides of buildings and walls near the car, by the map.
+        eyes: (V, 2) m, places that agents said they were at in messages that arrived last.
+        entries: (A, 5) places on lanes that lead across the way ahead, to whose traffic the car may have to yield, by
+            the map: x and y, m; the speed limit, m/s; the distance from there to the way of the car, m; and that along
+            the car's route to the line before it, m.
+    """
+
+    walls: Floats
+    eyes: Floats
+    entries: Floats = field(default_factory=lambda: np.zeros((0, 5)))
+
+    def __post_init__(self) -> None:
+        freeze(self, walls=((None, 4), np.float64), eyes=((None, 2), np.float64), entries=((None, 5), np.float64))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +59,7 @@ class PlannedCar:
         steering_rad: angle of the front wheels, of a car that the planner steers.
         wheelbase_m: distance between the axles, of which the middle is the car's, of a car that the planner steers.
         intents: ways that other road users have told, with `uplink="intents"`; `intents.at(times_s)` has their places.
+        occlusions: walls, eyes and entries around it, for a planner that is `occlusion_aware`.
     """
 
     name: str
@@ -51,6 +76,7 @@ class PlannedCar:
     steering_rad: float = 0.0
     wheelbase_m: float = 0.0
     intents: Intents = field(default_factory=Intents.empty)
+    occlusions: Occlusions | None = None
 
 
 Plan = float | tuple[float, float]
@@ -62,9 +88,11 @@ class Planner(ABC):
 
     Attributes:
         steers: the planner steers, too: its car does as under `control="steering"`, and has a goal.
+        occlusion_aware: the planner is told what may hide others, as `PlannedCar.occlusions`.
     """
 
     steers: ClassVar[bool] = False
+    occlusion_aware: ClassVar[bool] = False
 
     @abstractmethod
     def plan(self, car: PlannedCar) -> Plan:
@@ -76,7 +104,9 @@ class Planner(ABC):
 
 
 PLANNERS: Registry[type[Planner]] = Registry(
-    "planner", home=("coopsim.planning.idm_aeb", "coopsim.planning.route_follower"), group="coopsim.planners"
+    "planner",
+    home=tuple(f"coopsim.planning.{name}" for name in ("idm_aeb", "route_follower", "cautious")),
+    group="coopsim.planners",
 )
 """Planner classes. Installed packages add theirs through the entry-point group `coopsim.planners`."""
 

@@ -26,13 +26,13 @@ import numpy as np
 
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.interfaces.planner import PLANNERS, PlannedCar, Planner
-from coopsim.planning.told_ways import ToldWays, with_intents
+from coopsim.planning.told_ways import Known, ToldWays, with_intents
 from coopsim.support.checks import require_positive
 from coopsim.types import NS_PER_S, Ints, Mask, Tracks
 from coopsim.types.driving import HAS_PRIORITY, LARGEST_BRAKING_M_S2, NOBODY_FIRST, OUTER_SIDES
 from coopsim.types.taxonomy import ObjectClass
 
-_ON_FOOT = (ObjectClass.PEDESTRIAN, ObjectClass.CHILD)
+ON_FOOT = (ObjectClass.PEDESTRIAN, ObjectClass.CHILD)
 """They always have the right of way: a car does not count on it that they stop."""
 
 _WITH_EASE_M_S2 = 2.0
@@ -48,7 +48,7 @@ _COOLNESS = 0.99
 _SETTLING_S = 0.5
 """Time in which the car comes down to a limit that it has missed; ours."""
 
-_SLOWEST_M_S = 0.5
+STANDS_M_S = 0.5
 """Slower tracks stand: the direction of their velocity is noise."""
 
 _BELIEF_S = 0.5
@@ -104,17 +104,29 @@ class IdmAeb(Planner):
         require_positive(**{name: getattr(self, name) for name in (*names, "braking_ttc_s", "braking_delay_s")})
 
     def plan(self, car: PlannedCar) -> float:
+        car, known = self._perceive(car)
+        way = self._way(car, known)
+        return -LARGEST_BRAKING_M_S2 if self._must_brake(car, way) else self._along(car, way)
+
+    def _perceive(self, car: PlannedCar) -> tuple[PlannedCar, Known]:
+        """Return a car whose tracks have those that told their ways, and what is known of them."""
         times, told = np.linspace(0.0, self.horizon_s, round(self.horizon_s / _STEP_S) + 1), None
         if len(car.intents):
             car, told = with_intents(car, times)
         turn_rates, belief = self._learn(car)
-        near = _near(car, self.horizon_s, self.margin_m)
+        return car, Known(times, turn_rates, belief if told is None else np.where(told.known, 1.0, belief), told)
+
+    def _way(self, car: PlannedCar, known: Known) -> Occupied:
+        """Return what tracks will occupy of the route, from what `_perceive` returned."""
+        near, told = _near(car, self.horizon_s, self.margin_m), known.told
         if told is not None:
-            near, belief = near | told.known, np.where(told.known, 1.0, belief)
-        known = None if told is None else told.only(near)
-        way = _occupied(car, car.tracks[near], turn_rates[near], belief[near], times, self.margin_m, known)
-        if self._must_brake(car, way):
-            return -LARGEST_BRAKING_M_S2
+            near = near | told.known
+        only = None if told is None else told.only(near)
+        turn_rates, belief = known.turn_rates[near], known.belief[near]
+        return _occupied(car, car.tracks[near], turn_rates, belief, known.times, self.margin_m, only)
+
+    def _along(self, car: PlannedCar, way: Occupied) -> float:
+        """Return the acceleration along the route without an emergency, m/s²."""
         free = self._free_road(car)
         behind = self._behind(car, free, *self._leaders(car, way)).min(initial=free)
         return float(self._yielding(car, free, *self._crossing(car, free, way)).min(initial=behind))
@@ -167,19 +179,28 @@ class IdmAeb(Planner):
         accelerations: Floats = free - share * (free + needed)
         return accelerations
 
-    def _leaders(self, car: PlannedCar, way: _Occupied) -> tuple[Floats, Floats]:
+    def follows(self, car: PlannedCar, gap_m: Floats, speed_m_s: Floats) -> float:
+        """Return the acceleration, m/s², behind leaders with gaps (M,) m and speeds (M,) m/s, or on a free road."""
+        free = self._free_road(car)
+        return float(self._behind(car, free, gap_m, speed_m_s).min(initial=free))
+
+    def behind_leaders(self, car: PlannedCar, way: Occupied) -> float:
+        """Return the acceleration, m/s², behind what stands or drives along the route."""
+        return self.follows(car, *self._leaders(car, way))
+
+    def _leaders(self, car: PlannedCar, way: Occupied) -> tuple[Floats, Floats]:
         """Return gaps (M,) m and speeds (M,) m/s of tracks on the route that stand or drive along it."""
         ahead = way.inside[0] & way.goes_along & (way.rear[0] > 0)
         return way.rear[0][ahead] - car.length_m / 2, np.maximum(way.speed_along[ahead], 0.0)
 
-    def _crossing(self, car: PlannedCar, free: float, way: _Occupied) -> tuple[Floats, Floats]:
+    def _crossing(self, car: PlannedCar, free: float, way: Occupied) -> tuple[Floats, Floats]:
         """Return gaps (M,) m and speeds (M,) m/s of tracks that come onto the route, or go across or against it.
 
         The car yields to those that it would meet if it went on as if they were not there. A gap is that to a leader
         now, which keeps its speed, or the car's if that is less, until the track is on the route.
         """
         inside = way.inside & ~(way.inside[0] & way.goes_along)
-        before, after = (_moved(car, free, way.times + late) for late in (-self.margin_s, self.margin_s))
+        before, after = (moved_m(car, free, way.times + late) for late in (-self.margin_s, self.margin_s))
         half_m = car.length_m / 2
         meets = inside & (after[:, None] + half_m > way.rear) & (before[:, None] - half_m < way.front)
         first = np.argmax(inside, axis=0)
@@ -198,7 +219,7 @@ class IdmAeb(Planner):
         yields = met & ~self._is_first(car, way, first, gap)
         return gap[yields], speed[yields]
 
-    def _is_first(self, car: PlannedCar, way: _Occupied, first: Ints, gap: Floats) -> Mask:
+    def _is_first(self, car: PlannedCar, way: Occupied, first: Ints, gap: Floats) -> Mask:
         """Return the mask (N,) of vehicles that are left to brake, as they can with ease before they come.
 
         The car goes first where it has the right of way. Where nobody has, it goes first if it is there clearly before,
@@ -207,7 +228,7 @@ class IdmAeb(Planner):
         """
         place = np.clip(gap / car.route.spacing_m, 0, len(car.route.points) - 1).astype(int)
         right, enters, tracks = car.route.right_of_way[place], way.times[first], np.arange(len(gap))
-        lead_s = enters - gap / max(car.speed_m_s, _SLOWEST_M_S)
+        lead_s = enters - gap / max(car.speed_m_s, STANDS_M_S)
         waits = OUTER_SIDES[car.traffic_side] * way.aside[np.maximum(first - 1, 0), tracks] < 0
         earlier = (lead_s > self.margin_s) | ((lead_s > -self.margin_s) & waits)
         needed = way.speed / (2 * np.maximum(enters, _STEP_S))
@@ -215,11 +236,11 @@ class IdmAeb(Planner):
         left_to_brake: Mask = goes & ~way.on_foot & (needed < _WITH_EASE_M_S2)
         return left_to_brake
 
-    def _must_brake(self, car: PlannedCar, way: _Occupied) -> bool:
+    def _must_brake(self, car: PlannedCar, way: Occupied) -> bool:
         """Return whether the brake is on: since the delay after the first alarm, until no collision is predicted."""
         quiet = self._alarm_ns is None
         # A brake that is on already and suffices is no emergency; in one, it stays on until the danger is over.
-        moved = _moved(car, min(car.acceleration_m_s2, 0.0) if quiet else 0.0, way.times)[:, None]
+        moved = moved_m(car, min(car.acceleration_m_s2, 0.0) if quiet else 0.0, way.times)[:, None]
         touches = way.touched & (way.rear < moved + car.length_m / 2) & (way.front > moved - car.length_m / 2)
         touches &= way.rear[0] > car.length_m / 2  # nothing is gained by braking for what comes from the side or behind
         soon = touches[way.times <= self.braking_ttc_s].any() and car.speed_m_s > (_AEB_FROM_M_S if quiet else 0.1)
@@ -236,7 +257,7 @@ class IdmAeb(Planner):
         """Return the turn rates (N,) rad/s of tracks, and the share (N,) of their velocities that is believed."""
         tracks, before = car.tracks, self._known
         direction, speed = np.arctan2(*tracks.velocity.T[::-1]), np.hypot(*tracks.velocity.T)
-        turns = speed > 2 * _SLOWEST_M_S
+        turns = speed > 2 * STANDS_M_S
         self._known = {}
         for k, identity in enumerate(tracks.id.tolist()):
             known, rate = before.get(identity), 0.0
@@ -265,7 +286,7 @@ def _smoothed(rate: float, turned: float, passed_s: float, speed: float) -> floa
     return weight * rate + (1 - weight) * min(max(turned / passed_s, -most), most)
 
 
-def _moved(car: PlannedCar, acceleration: float, times: Floats) -> Floats:
+def moved_m(car: PlannedCar, acceleration: float, times: Floats) -> Floats:
     """Return how far (T,) m the car comes, until it stands or is as fast as the limit; 0 before now."""
     times = np.maximum(times, 0.0)
     final = max(car.speed_m_s, float(car.route.speed_limit_m_s[0])) if acceleration > 0 else 0.0
@@ -275,7 +296,7 @@ def _moved(car: PlannedCar, acceleration: float, times: Floats) -> Floats:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Occupied:
+class Occupied:
     """Parts of a car's route that N tracks are predicted to occupy, at T times.
 
     Attributes:
@@ -323,7 +344,7 @@ def _occupied(
     times: Floats,
     margin_m: float,
     told: ToldWays | None,
-) -> _Occupied:
+) -> Occupied:
     """Predict tracks with constant speed and turn rate, or as they have told, and place them on the route."""
     velocity, forward = _weighted_velocity(car, tracks, belief)
     centers, yaw = _predicted(tracks, velocity, turn_rate, times)
@@ -341,7 +362,7 @@ def _occupied(
     free_m = np.abs(aside) - half_aside - car.width_m / 2
     speed = np.hypot(*velocity.T)
     follows = forward > np.sqrt(np.maximum(speed**2 - forward**2, 0.0))
-    return _Occupied(
+    return Occupied(
         times,
         free_m < margin_m,
         free_m < 0,
@@ -350,8 +371,8 @@ def _occupied(
         along + half_along,
         speed,
         forward,
-        (speed < _SLOWEST_M_S) | follows,
-        np.isin(tracks.label, _ON_FOOT),
+        (speed < STANDS_M_S) | follows,
+        np.isin(tracks.label, ON_FOOT),
         np.zeros(len(tracks), np.bool_) if told is None else told.warned,
     )
 
@@ -368,7 +389,7 @@ def _weighted_velocity(car: PlannedCar, tracks: Tracks, belief: Floats) -> tuple
 def _predicted(tracks: Tracks, velocity: Floats, turn_rate: Floats, times: Floats) -> tuple[Floats, Floats]:
     """Return centres (T, N, 2) m and headings (T, N) rad of tracks with constant speed and turn rate."""
     speed, direction = np.hypot(*velocity.T), np.arctan2(*velocity.T[::-1])
-    speed = np.where(speed < _SLOWEST_M_S, 0.0, speed)
+    speed = np.where(speed < STANDS_M_S, 0.0, speed)
     turned = turn_rate * times[:, None]
     # The chord of an arc: its length is that of the arc times sinc of half the turn, its direction lies half-way.
     chord = speed * times[:, None] * np.sinc(turned / (2 * np.pi))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -82,3 +83,12 @@ def _with_unseen(tracks: Tracks, intents: Intents, here: Floats, chosen: Mask) -
         np.concatenate([tracks.score, np.ones(count)]),
         np.concatenate([tracks.label, np.full(count, int(ObjectClass.CAR))]),
     )
+
+
+class Known(NamedTuple):
+    """Knowledge of N tracks: the times (T,) s of prediction, turn rates (N,) rad/s, belief (N,), and told ways."""
+
+    times: Floats
+    turn_rates: Floats
+    belief: Floats
+    told: ToldWays | None

@@ -43,6 +43,9 @@ NO_LIGHT, GREEN, YELLOW, RED = range(4)
 ARRIVES_M = 5.0
 """Distance along the lanes from which on a goal is reached."""
 
+STRAYS_M = 30.0
+"""Distance at which a car has left its route; the CARLA leaderboard's."""
+
 JERK_M_S3 = 40.0
 """Fastest change of a car's acceleration: hydraulic brakes reach full braking 0.2 s after it is asked for."""
 
@@ -99,7 +102,12 @@ class Route:
     @property
     def arrived(self) -> bool:
         """Flag of a reached goal: it is at most 5 m ahead (as in MetaDrive), and the car is on its lane there."""
-        return self.goal_m <= ARRIVES_M and math.hypot(*self.points[0]) <= self.lane_width_m[0]
+        return bool(self.goal_m <= ARRIVES_M and math.hypot(*self.points[0]) <= self.lane_width_m[0])
+
+    @property
+    def strayed(self) -> bool:
+        """Flag of a route that the car has left: its nearest place is more than 30 m away."""
+        return math.hypot(*self.points[0].tolist()) > STRAYS_M
 
     @property
     def tangents(self) -> Floats:
@@ -162,6 +170,7 @@ class CarState:
         steering_rad: angle of the front wheels, positive to the left; 0 for a car that nobody steers.
         wheelbase_m: distance between the axles, of which the middle is the car's; 0 for a car that nobody steers.
         wrong_way: whether a steered car is on lanes that all lead the other way.
+        red_lights: number of red lights that it has run so far.
     """
 
     speed_m_s: float
@@ -175,3 +184,4 @@ class CarState:
     steering_rad: float = 0.0
     wheelbase_m: float = 0.0
     wrong_way: bool = False
+    red_lights: int = 0

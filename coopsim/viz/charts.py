@@ -79,7 +79,7 @@ class Look:
         return {"color": self.color, "ls": _DASHES[self.dash], "marker": MARKERS[self.marker]}
 
 
-def looks(policies: Sequence[str]) -> dict[str, Look]:
+def policy_styles(policies: Sequence[str]) -> dict[str, Look]:
     """Return the look of each policy: well-known ones have the same everywhere, the others those that are left.
 
     Of several variants of a well-known policy one has its look: the plain one, or else that which replays late

@@ -221,11 +221,16 @@ class World:
             float(rows[key][k]) for key in ("speed", "acceleration", "length", "width")
         )
         route, side = self._traffic.way_ahead(number), self.map.traffic_side
-        car = CarState(speed, acceleration, length, width, bool(rows["crashed"][k]), route, side)
+        red = int(rows["red_lights"][k])
+        car = CarState(speed, acceleration, length, width, bool(rows["crashed"][k]), route, side, red_lights=red)
         if rows["driver"][k] != STEERED:
             return car
         wheel, wheelbase_m = float(rows["wheel"][k]), 2 * float(rows["axle_m"][k])
         return replace(car, steering_rad=wheel, wheelbase_m=wheelbase_m, wrong_way=bool(rows["against"][k]))
+
+    def entries(self, name: str) -> Floats:
+        """Return `Occlusions.entries` (A, 5) of a connected car, in its own frame; none of a car that nobody steers."""
+        return self._traffic.entries(_number(name))
 
     def row_of(self, name: str) -> int:
         """Return the row of a connected car in `fleet` and in `road_users`."""

@@ -32,9 +32,6 @@ from coopsim.types.driving import NO_LIGHT, RED, CarState
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.snapshot import RoadMap, RoadUsers
 
-STRAYS_M = 30.0
-"""Distance from the route at which a drive is over; the CARLA leaderboard's."""
-
 _TOUCHES_M = 0.5  # bodies that crashed have been pushed apart
 _FAR_M = 10.0  # farther bodies cannot touch
 _KINDS = ("vehicle", "human", "building", "object")
@@ -77,9 +74,8 @@ class Judge:
             timed_out: whether its time is over.
         """
         corners = _corners_of(users, me)
-        route_m = math.hypot(*car.route.points[0].tolist())
         arrives = not car.crashed and car.route.arrived
-        left, strays = not self._road.covers(users.position[me : me + 1])[0], route_m > STRAYS_M
+        left, strays = not self._road.covers(users.position[me : me + 1])[0], car.route.strayed
         if car.crashed:
             hit = hit or _touched(corners, me, users)
         infos: dict[str, Any] = {f"crash_{kind}": hit == kind for kind in _KINDS}

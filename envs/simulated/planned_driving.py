@@ -13,6 +13,7 @@ import numpy as np
 
 from coopsim.comms.received_intents import ReceivedIntents
 from coopsim.envs.frames import AgentFrame, Frame
+from coopsim.envs.simulated.occlusion_map import OcclusionMap
 from coopsim.errors import InvalidValueError, PlannerError
 from coopsim.interfaces.planner import Plan, PlannedCar, Planner, PlannerOption, make_planner
 from coopsim.types import NS_PER_S, AgentSpec, Observation, Tracks
@@ -25,13 +26,15 @@ LONGEST_CALL_S = 5.0
 class PlannedDriving:
     """The planners of an episode, one for each driven car."""
 
-    def __init__(self, planner: PlannerOption, driven: Mapping[str, AgentSpec]) -> None:
-        self._specs = driven
+    def __init__(self, planner: PlannerOption, driven: Mapping[str, AgentSpec], occlusions: OcclusionMap) -> None:
+        self._specs, self._occlusions = driven, occlusions
         self._planners = {name: make_planner(planner) for name in driven}
+        self._aware = {name for name, each in self._planners.items() if each.occlusion_aware}
         self._intents = {name: ReceivedIntents() for name in driven}
 
     def hear(self, received: Mapping[str, Observation]) -> None:
         """Take notice of what arrived at the driven cars, by name."""
+        self._occlusions.hear({name: received[name] for name in self._aware if name in received})
         for name, intents in self._intents.items():
             if name in received:
                 intents.hear(received[name])
@@ -70,6 +73,7 @@ class PlannedDriving:
             state.steering_rad,
             state.wheelbase_m,
             self._intents[name].now(agent.observation),
+            self._occlusions.of(name, agent.observation) if name in self._aware else None,
         )
         planner, began = self._planners[name], time.monotonic()
         try:

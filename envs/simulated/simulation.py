@@ -19,6 +19,7 @@ from coopsim.envs.simulated.lidar_sensing import (
     LidarReading,
     LidarSensing,
 )
+from coopsim.envs.simulated.occlusion_map import OcclusionMap
 from coopsim.envs.simulated.perception import Perception, observation_format
 from coopsim.envs.simulated.planned_driving import PlannedDriving
 from coopsim.envs.simulated.simulation_options import SimulationOptions
@@ -210,7 +211,11 @@ class SimulatedEpisode:
         """Let the action or a planner drive some connected cars of a world, by name."""
         self._cars, self._driven = world, driven
         if self._options.control == "planner":
-            self._planning = PlannedDriving(self._options.planner, {name: self._specs[name] for name in driven})
+            entries = world.entries if isinstance(world, World) else lambda name: np.zeros((0, 5))
+            occlusions = OcclusionMap(self._world.map, entries)
+            self._planning = PlannedDriving(
+                self._options.planner, {name: self._specs[name] for name in driven}, occlusions
+            )
 
     def advance(self, commands: Mapping[str, Command], tracks: Mapping[str, Tracks]) -> Frame:
         """Step the world and return the next frame; see `FrameSource.advance`."""

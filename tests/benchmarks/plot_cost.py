@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from stepping import StepTimes
 
-from coopsim.viz.charts import COLORS, COLUMN_IN, GREY, PAGE_IN, looks, to_svg
+from coopsim.viz.charts import COLORS, COLUMN_IN, GREY, PAGE_IN, policy_styles, to_svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,7 +45,7 @@ def plot_costs(path: Path, costs: Mapping[str, Costs]) -> None:
 
 def plot_policies(path: Path, costs: Mapping[str, Mapping[int, float]]) -> None:
     """Write the picture of `costs`: milliseconds of a receiver's frame, by policy and by messages in the frame."""
-    styles = looks(list(costs))
+    styles = policy_styles(list(costs))
 
     def draw(figure: Figure) -> None:
         panel = figure.subplots()

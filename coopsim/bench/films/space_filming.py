@@ -49,7 +49,7 @@ class SpaceFilming:
         clouds, ground = {}, {}
         for name, body in shown.agents.items() if self._points else ():
             row = body_row(body)
-            points, origin = env.bev_frame(agent=name).points, row[:3] * LENGTH_M
+            points, origin = env.bev_frame(agent=name).points, row[:3].astype(np.float64) * LENGTH_M
             points = spread(points[within_reach(points, origin)], self._points)
             clouds[name], ground[name] = pack_cloud(points, origin), on_ground(points, self._ground)
         return SpaceFrame(

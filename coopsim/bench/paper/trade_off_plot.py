@@ -16,7 +16,7 @@ from coopsim.bench.results.statistics import Interval
 from coopsim.bench.text.forms import name_of
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.built_in import BYTES, is_yes_no, less_is_better
-from coopsim.viz.charts import GREY, PAGE_IN, Look, limit_height, looks, place_bytes, to_svg
+from coopsim.viz.charts import GREY, PAGE_IN, Look, limit_height, place_bytes, policy_styles, to_svg
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -113,7 +113,7 @@ def _points(table: ResultTable, metric: str, sends: Mapping[str, str]) -> list[_
     """Return the policies that have values, by rising bytes."""
     calm = [table.conditions.index(each) for each in mildest(table.conditions)] or list(range(len(table.conditions)))
     rates = known_mean(table.values(BYTES)[:, calm], axis=1)
-    names, styles = short_names(table), looks(table.policies)
+    names, styles = short_names(table), policy_styles(table.policies)
     found = [
         _Point(names[policy], styles[policy], sends.get(policy, ""), float(rate), table.mean(metric, k, calm))
         for k, (policy, rate) in enumerate(zip(table.policies, known_mean(rates, axis=1), strict=True))

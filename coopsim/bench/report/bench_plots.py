@@ -22,8 +22,8 @@ from coopsim.viz.charts import (
     label_ends,
     legend_below,
     limit_height,
-    looks,
     name_ticks,
+    policy_styles,
     to_svg,
 )
 
@@ -57,7 +57,7 @@ def _plot(table: ResultTable, metric: str, axis: Axis, scenarios: Sequence[str |
     columns = min(len(scenarios), _COLUMNS)
     rows = math.ceil(len(scenarios) / columns)
     height_in = _HEIGHT_IN if rows == 1 else _ROW_IN * rows + 0.6
-    short, styles = short_names(table), looks(table.policies)
+    short, styles = short_names(table), policy_styles(table.policies)
     names = {short[policy]: look for policy, look in styles.items()}
 
     def draw(figure: Figure) -> None:
@@ -91,7 +91,7 @@ def _panel(panel: Any, table: ResultTable, metric: str, axis: Axis, scenario: st
     endless = not axis.named and len(known) < len(names)
     shown = list(known) + [4 * max(known) if known else 1.0] * endless
     places = np.arange(len(names), dtype=float) if axis.named else np.array(shown)
-    for number, look in enumerate(looks(table.policies).values()):
+    for number, look in enumerate(policy_styles(table.policies).values()):
         steps = [[k for k in here if axis.value(table.conditions[k]) == value] for value in names]
         found = [table.mean(metric, number, conditions) for conditions in steps]
         ends = np.array([(each.low, each.high) for each in found]).reshape(-1, 2)

@@ -24,7 +24,7 @@ from coopsim.bench.text.bench_text import COUNTS_TITLE, METHODS_TITLE
 from coopsim.bench.text.forms import interval_kinds
 from coopsim.metrics.built_in import BYTES, all_metrics, less_is_better
 from coopsim.support.files import write_whole
-from coopsim.viz.charts import looks
+from coopsim.viz.charts import policy_styles
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,7 +171,7 @@ def _data(table: ResultTable, played: Played) -> dict[str, Any]:
     ]
     return {
         "policies": list(table.names.values()),
-        "looks": [[each.color, each.dash, each.marker] for each in looks(table.policies).values()],
+        "looks": [[each.color, each.dash, each.marker] for each in policy_styles(table.policies).values()],
         "scenarios": scenarios,
         "metrics": [{"name": name, "less": less_is_better(name)} for name in table.shown],
         "axes": [

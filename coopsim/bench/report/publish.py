@@ -64,7 +64,7 @@ def publish(
         folder: folder of the files, made if need be.
         results: results of every cell, failed ones included.
         provenance: provenance of the results' grid.
-        circumstances: what was noted of each run, for its date and machine in the report (`Store.all_circumstances`).
+        circumstances: notes on each run, for its date and machine in the report (`Store.all_circumstances`).
         title: title of the report; empty: the question that the benchmark asks.
         metrics: metrics of `report.md`, whose leaderboard is by the first one, and of the files for papers.
         clips: largest number of clips of the worst moments, and of pairs with a lie.

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
+from coopsim.types.driving import RED
 from coopsim.world.traffic.fleet import CHAUFFEURED, UNYIELDING, Vehicle
 from coopsim.world.traffic.lane_geometry import local_coordinates
 from coopsim.world.traffic.lanes import POLYLINE, LaneArrays
@@ -34,6 +35,7 @@ _STAND_M = 11.5  # from the middle of a waiting car to its line, at most
 _STOP_M, _STOP_M_S2 = 9.0, 3.0  # a lane is long enough to stop in from: this, and the way of this braking
 
 _STOPPING_M_S2, _BEFORE_LINE_M = 4.0, 2.0  # braking for a light, and where the middle of a vehicle would then stand
+_PASSED_M, _PASSED_S = 0.5, 0.1  # farther behind a line a car has passed it before
 _CRAWLING_M_S = 3.0  # slower vehicles stop even where they stand beyond the line
 
 
@@ -46,6 +48,17 @@ def line_ahead(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: 
             return k, distance_m
         distance_m += network.lanes[lane_of_route(network, vehicle, route, k)].length
     return -1, np.inf
+
+
+@njit(cache=True, nogil=True)
+def count_red(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: Ints, light: Ints) -> None:
+    """Count the movements that the middle of an agent's car begins while their light is red."""
+    k, line_m = line_ahead(network, vehicle, route, movement_of)
+    over = movement_of[route[k, 0]] + 1 if k >= 0 and line_m <= 0 else 0
+    if over > 0 and over != vehicle.over:
+        fresh = -line_m < _PASSED_M + _PASSED_S * vehicle.speed  # a steered car may change to another one later
+        vehicle.red_lights += fresh and light[over - 1] == RED
+        vehicle.over = over
 
 
 @njit(cache=True, nogil=True)

@@ -56,6 +56,8 @@ class Vehicle(Protocol):
     grip: float  # coefficient of friction of a steered car's tyres
     astray: bool  # a steered car is on no lane, or against it, and asks for no movement
     against: bool  # a steered car is on lanes, which all lead the other way
+    over: int  # 1 + the movement that an agent's car began last; 0: none
+    red_lights: int  # how many of them it has begun at red
 
 
 class Body(Protocol):

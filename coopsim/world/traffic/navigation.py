@@ -17,14 +17,16 @@ from coopsim.support.rng import stream
 from coopsim.types import Ints
 from coopsim.types.driving import GIVES_WAY, NO_LIGHT, YELLOW, Route
 from coopsim.world.traffic.asked import can_stop
+from coopsim.world.traffic.beside import lanes_beside
+from coopsim.world.traffic.entries import entering
 from coopsim.world.traffic.fleet import STEERED, Fleet
 from coopsim.world.traffic.lane_geometry import local_coordinates
 from coopsim.world.traffic.lanes import LaneArrays
-from coopsim.world.traffic.movements import Movements
+from coopsim.world.traffic.movements import FIRST, Movements
 from coopsim.world.traffic.obstacles import Kerbs, Obstacles
 from coopsim.world.traffic.rules import SAME_WAY
 from coopsim.world.traffic.steered import DRY, WHEELBASE, is_against, is_on_lane
-from coopsim.world.traffic.way_ahead import BEFORE_LINE_M, REACH_M, SPACING_M, on_map, points_ahead
+from coopsim.world.traffic.way_ahead import BEFORE_LINE_M, REACH_M, SPACING_M, points_ahead
 
 ROUTE_M = (200.0, 2000.0)
 """Usual bounds of the distance to a goal along the lanes."""
@@ -32,6 +34,7 @@ ROUTE_M = (200.0, 2000.0)
 _SHORTEST_M, _LONGEST_M = 10.0, 10_000.0
 _WALKS = 12  # draws of a way; places may end sooner
 _BESIDE_M = 1.0  # farther than this outside its lane a car is not on its way
+_ENTERS_M = 40  # junctions farther ahead need no care yet
 _BACK_M, _ON_M = 30, 100  # where a car is looked for on its way, from where it was before
 
 
@@ -65,14 +68,19 @@ class Way:
         start["route_length"] = len(roads)
         count = math.ceil((length_m + REACH_M) / SPACING_M) + 1
         found = points_ahead(network, movements, start, 0, route, SPACING_M, count, obeys=False)
-        self._points = found[0] + [float(row["x"]), float(row["y"])]
-        self._limit_m_s, self._rights, _, self._lanes, self._places = found[1:]
+        self._points = found.points + np.array([float(row["x"]), float(row["y"])])
+        self._limit_m_s, self._rights, self._lanes, self._places = (
+            found.limit_m_s,
+            found.rights,
+            found.lanes,
+            found.places,
+        )
         self._roads, self._length_m, self._network = np.array(roads), length_m, network
-        widths, beside, _ = on_map(network, movements, self._lanes)
-        self._width_m, self._beside = sealed(widths), sealed(beside)
+        self._width_m = sealed(found.width_m)
+        self._beside = sealed(lanes_beside(network, self._points, self._lanes, movements.of_road >= 0))
         self._movements = movements.of_road[network.lanes["road"][self._lanes]]
         self._lines = np.flatnonzero(np.diff(self._lanes, prepend=self._lanes[0]))
-        self._at = 0
+        self._at, self._entering = 0, dict[int, Floats]()
 
     def follow(self, row: Any, route: Ints) -> None:
         """Take note of where a car is, and of the lane and the roads that others take it to be on and to drive to."""
@@ -116,6 +124,24 @@ class Way:
             goal_m=goal_m,
             length_m=self._length_m,
         )
+
+    def entries(self, row: Any, movements: Movements) -> Floats:
+        """Return places (A, 5) on lanes across the way ahead, in the car's own frame; see `Occlusions.entries`."""
+        part = slice(self._at, self._at + _ENTERS_M)
+        crossed, first = np.unique(self._movements[part], return_index=True)
+        found = [np.zeros((0, 5))]
+        for movement, line in zip(crossed.tolist(), first.tolist(), strict=True):
+            if movement >= 0 and line > 0:
+                at = self._entering.get(movement)
+                if at is None:
+                    at = self._entering[movement] = entering(self._network, movements, movement)
+                open_ = ~movements.closed[at[:, 4].astype(int)] & (movements.role[movement] != FIRST)
+                line_m = line * SPACING_M - row["length"] / 2
+                found.append(np.column_stack([at[open_, :4], np.full(open_.sum(), line_m)]))
+        entries = np.concatenate(found)
+        cos, sin = math.cos(row["heading"]), math.sin(row["heading"])
+        entries[:, :2] = (entries[:, :2] - [row["x"], row["y"]]) @ np.array([[cos, -sin], [sin, cos]])
+        return entries
 
     def _nearest(self, row: Any) -> int:
         first = max(self._at - _BACK_M, 0)
@@ -249,6 +275,10 @@ class SteeredCars:
     def way_ahead(self, fleet: Fleet, k: int, movements: Movements) -> Route:
         """Return the way ahead of the car in a row, in its own frame."""
         return self._ways[k].ahead(fleet.rows[k], movements)
+
+    def entries(self, fleet: Fleet, k: int, movements: Movements) -> Floats:
+        """Return places on lanes across the way ahead of the car in a row; see `Way.entries`."""
+        return self._ways[k].entries(fleet.rows[k], movements)
 
     def release(self, fleet: Fleet, k: int, driver: int) -> None:
         """Hand the car in a row to the traffic model."""

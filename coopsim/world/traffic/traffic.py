@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from coopsim.errors import InvalidValueError
 from coopsim.geometry import exact
+from coopsim.geometry.se3 import Floats
 from coopsim.support.checks import require_choice
 from coopsim.types.driving import Command, Route
 from coopsim.types.taxonomy import ObjectClass
@@ -236,6 +237,13 @@ class Traffic:
         if self._steered is not None and lights is not None and self._steered.has(row):
             return self._steered.way_ahead(self.fleet, row, lights.movements)
         return self._engine.way_ahead(self.fleet, row)
+
+    def entries(self, number: int) -> Floats:
+        """Return places on lanes across the way of a connected car, by its number; see `Occlusions.entries`."""
+        row, lights = self.connected[number], self._engine.lights
+        if self._steered is None or lights is None or not self._steered.has(row):
+            return np.zeros((0, 5))
+        return self._steered.entries(self.fleet, row, lights.movements)
 
     @property
     def light_states(self) -> tuple[str, ...]:

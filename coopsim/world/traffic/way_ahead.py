@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from coopsim.geometry.se3 import Floats
+from coopsim.support.arrays import unchecked
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.types.driving import GIVES_WAY, HAS_PRIORITY, NO_LIGHT, NOBODY_FIRST, Route
@@ -40,22 +41,46 @@ def way_ahead(network: LaneArrays, movements: Movements, rows: NDArray[Any], me:
         route: (K, 2) its row of `Fleet.routes`. Turns that it lacks are drawn, as the next step would.
     """
     count = round(REACH_M / SPACING_M) + 1
-    ahead, limit_m_s, rights, heading, lanes, _ = points_ahead(
-        network, movements, rows, me, route, SPACING_M, count, obeys=True
+    found = points_ahead(network, movements, rows, me, route, SPACING_M, count, obeys=True)
+    cos, sin = np.cos(found.heading), np.sin(found.heading)
+    return unchecked(
+        Route,
+        points=found.points @ np.array([[cos, -sin], [sin, cos]]),
+        spacing_m=SPACING_M,
+        speed_limit_m_s=found.limit_m_s,
+        right_of_way=found.rights,
+        lane_width_m=found.width_m,
+        beside=found.beside,
+        lights=found.lights,
+        goal_m=math.inf,
+        length_m=math.inf,
     )
-    cos, sin = np.cos(heading), np.sin(heading)
-    points = ahead @ np.array([[cos, -sin], [sin, cos]])
-    return Route(points, SPACING_M, limit_m_s, rights, *on_map(network, movements, lanes))
 
 
-def on_map(network: LaneArrays, movements: Movements, numbers: Ints) -> tuple[Floats, Ints, Ints]:
-    """Return what a map has of lanes (K,): widths (K,) m, lanes beside (K, 2), and lights (K,)."""
-    lanes = network.lanes[numbers]
-    movement, rightmost = movements.of_road[lanes["road"]], network.roads["lanes"][lanes["road"]] - 1
-    light = np.full(len(numbers), NO_LIGHT)
-    light[movement >= 0] = movements.light[movement[movement >= 0]]
-    beside = np.column_stack([lanes["number"], rightmost - lanes["number"]])
-    return lanes["width"], beside, light
+class PointsAhead(NamedTuple):
+    """Points of the middle of the lanes ahead of a vehicle.
+
+    Attributes:
+        points: (K, 2) m from the vehicle, in the axes of the world.
+        limit_m_s: (K,) legal and comfortable speeds; 0 from a red light on, if the vehicle obeys.
+        rights: (K,) right of way.
+        heading: the vehicle's, rad.
+        lanes: (K,) numbers.
+        places: (K,) of their roads in the route.
+        width_m: (K,) of the lanes.
+        beside: (K, 2) numbers of lanes of the same road to the left and to the right.
+        lights: (K,) of the ways over junctions.
+    """
+
+    points: Floats
+    limit_m_s: Floats
+    rights: Ints
+    heading: float
+    lanes: Ints
+    places: Ints
+    width_m: Floats
+    beside: Ints
+    lights: Ints
 
 
 @njit(cache=True, nogil=True)
@@ -68,12 +93,8 @@ def points_ahead(
     spacing_m: float,
     count: int,
     obeys: bool,
-) -> tuple[Floats, Floats, Ints, float, Ints, Ints]:
-    """Return points (count, 2) m of the middle of the lanes ahead, from the vehicle, in the axes of the world.
-
-    Also their legal and comfortable speeds (count,) m/s (0 from a red light on, if it `obeys`), their right of way
-    (count,), the vehicle's heading, rad, their lanes (count,), and the places (count,) of their roads in the route.
-    """
+) -> PointsAhead:
+    """Return `count` points of the middle of the lanes ahead of the vehicle in row `me`."""
     vehicle: Vehicle = rows[me]
     plan_ahead(network, vehicle, route)
     stop_m = _red_light(network, movements, vehicle, route) if obeys else np.inf
@@ -81,6 +102,7 @@ def points_ahead(
     along, _ = local_coordinates(network.lanes[number], network.corners, vehicle.x, vehicle.y)
     points, limit, rights = np.empty((count, 2)), np.empty(count), np.empty(count, dtype=np.int64)
     lanes, places = np.empty(count, np.int64), np.empty(count, np.int64)
+    width_m, beside, lights = np.empty(count), np.empty((count, 2), np.int64), np.full(count, NO_LIGHT)
     for k in range(count):
         while along > network.lanes[number].length and place + 1 < vehicle.route_length:
             along -= network.lanes[number].length
@@ -95,7 +117,11 @@ def points_ahead(
         points[k, 1] = y + (along - known) * math.sin(heading) - vehicle.y
         radius_m, rights[k] = radius_at(lane, network.corners, known), NOBODY_FIRST
         limit[k] = min(lane.speed_limit, math.sqrt(LATERAL_M_S2 * radius_m))
+        width_m[k], beside[k, 0] = lane.width, lane.number
+        beside[k, 1] = network.roads[lane.road].lanes - 1 - lane.number
         movement = movements.of_road[lane.road]
+        if movement >= 0:
+            lights[k] = movements.light[movement]
         if movement >= 0 and movements.role[movement] == FIRST:
             rights[k] = HAS_PRIORITY
         elif movement >= 0 and movements.role[movement] == YIELDS:
@@ -103,7 +129,7 @@ def points_ahead(
         if (k + 1) * spacing_m > stop_m:  # planners stop at the first point that says so, or a little beyond
             limit[k], rights[k] = 0.0, GIVES_WAY
         along += spacing_m
-    return points, limit, rights, vehicle.heading, lanes, places
+    return PointsAhead(points, limit, rights, vehicle.heading, lanes, places, width_m, beside, lights)
 
 
 @njit(cache=True, nogil=True)

@@ -44,9 +44,7 @@ def test_two_folders(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture
     rows, everything = tmp_path / "rows.csv", tmp_path / "all.json"
     assert main(["compare", str(before), str(after), "--csv", str(rows), "--json", str(everything)]) == 0
     printed = capsys.readouterr().out
-    assert (
-        f"A: {before}\nB: {after}\n" in printed and "39 pairs of runs, 9 to 10 seeds, 6 comparisons (6 id" in printed
-    )
+    assert f"A: {before}\nB: {after}\n" in printed and "39 pairs of runs, 9 to 10 seeds, 6 comparisons (6 id" in printed
     assert "good, sAMOTA, over all conditions: B is better (B - A = +5," in printed
     assert "good, HOTA, over all conditions: A and B are identical" in printed
     assert "Left out (1):" in printed and "seed 9, 40 frames: not in B" in printed

@@ -12,6 +12,7 @@ from coopsim import PlannedCar, Planner
 from coopsim.envs.ego_step import EgoStep
 from coopsim.envs.wrappers import DrivingRows, FixedTracks
 from coopsim.errors import InvalidActionError, InvalidValueError, PlannerError
+from coopsim.interfaces.planner import Occlusions
 from coopsim.types import Tracks
 from coopsim.wire.actions import pack_tracks
 
@@ -120,6 +121,47 @@ def test_a_planner_that_steers_turns_the_wheels_up_to_their_bound() -> None:
 def test_a_planner_must_return_what_it_says(planner: Any, accepted: str) -> None:
     with pytest.raises(PlannerError, match=accepted):
         drive(planner)
+
+
+SEEN: list[Occlusions] = []
+
+
+class Aware(Straight):
+    occlusion_aware = True
+
+    def plan(self, car: PlannedCar) -> tuple[float, float]:
+        assert car.occlusions is not None
+        SEEN.append(car.occlusions)
+        return 0.0, 0.0
+
+
+def test_an_occlusion_aware_planner_is_told_of_walls_entries_and_senders_alone() -> None:
+    SEEN.clear()
+    env = coopsim.parallel_env(
+        "crossing", control="planner", planner=Aware, driven_agents=["cav_0"], uplink="detections",
+        **SMALL | {"connected_cars": 2, "rsus": 1},
+    )  # fmt: skip
+    observations, _ = env.reset(seed=3)
+    policy = coopsim.make_policy("late_fusion")
+    policy.reset(env.agent_specs)
+    env.step(policy.act(observations))
+    (known,) = SEEN
+    me, *others = (env.episode.frame.agents[name].body for name in ("cav_0", "cav_1", "rsu_0"))
+    there = [me.world_SE3_base.inverse().apply(each.world_SE3_base.translation)[:2] for each in others]
+    apart = np.hypot(*(known.eyes[:, None] - np.array(there)).transpose(2, 0, 1)).min(axis=0)
+    assert len(known.eyes) == 2 and (apart < 3.0).all()  # as they say themselves, a step before
+    assert len(known.walls) > 4 and (np.abs(known.walls) < 200).all()
+    assert (known.entries[:, 2:] > 0).all()
+
+
+def test_infos_tell_of_leaving_the_route_the_wrong_way_and_red_lights() -> None:
+    env = coopsim.parallel_env("crossing", control="steering", **SMALL | {"max_cycles": 200})
+    env.reset(seed=1)
+    told = []
+    while env.agents:
+        _, _, _, _, infos = env.step(act(np.float32([2.0, 0.35])))
+        told.append((infos["cav_0"]["out_of_route"], infos["cav_0"]["wrong_way"], infos["cav_0"]["red_lights"]))
+    assert told[0] == (False, False, 0) and any(wrong for _, wrong, _ in told)
 
 
 def test_the_route_follower_stays_on_its_route() -> None:

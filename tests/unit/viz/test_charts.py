@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from coopsim.geometry.se3 import Floats
-from coopsim.viz.charts import COLORS, GREY, draw_series, label_ends, looks, spread, to_svg
+from coopsim.viz.charts import COLORS, GREY, draw_series, label_ends, policy_styles, spread, to_svg
 
 WHITE, DARK = "#ffffff", "#1d2126"
 """Backgrounds of charts: paper and bright pages, and the dark page."""
@@ -55,18 +55,21 @@ def test_colors_are_apart_for_the_color_blind(sight: str) -> None:
 
 
 def test_a_policy_has_the_same_look_in_every_company() -> None:
-    alone, together = looks(["no_fusion", "late_fusion"]), looks(["attfuse", "late_fusion", "mine", "no_fusion"])
+    alone, together = (
+        policy_styles(["no_fusion", "late_fusion"]),
+        policy_styles(["attfuse", "late_fusion", "mine", "no_fusion"]),
+    )
     assert alone["late_fusion"] == together["late_fusion"] and alone["no_fusion"].color == GREY
     variant = "late_fusion(delayed=replay)"
     others = ["late_fusion(defense=oracle, delayed=replay)", "late_fusion(delayed=as_current)"]
-    assert looks([variant])[variant] == looks([*others, variant])[variant]
-    assert looks(["late_fusion", variant])["late_fusion"] == alone["late_fusion"]
+    assert policy_styles([variant])[variant] == policy_styles([*others, variant])[variant]
+    assert policy_styles(["late_fusion", variant])["late_fusion"] == alone["late_fusion"]
 
 
 def test_looks_differ() -> None:
     names = ["no_fusion", "late_fusion", *(f"policy_{k}" for k in range(13))]
-    assert len(set(looks(names).values())) == len(names)
-    assert GREY not in {each.color for name, each in looks(names).items() if name != "no_fusion"}
+    assert len(set(policy_styles(names).values())) == len(names)
+    assert GREY not in {each.color for name, each in policy_styles(names).items() if name != "no_fusion"}
 
 
 @pytest.mark.parametrize("places", [[0.5, 0.5, 0.5], [0.0, 0.02, 1.0], [0.98, 1.0, 0.99], [0.1, 0.9]])
@@ -83,7 +86,7 @@ def test_places_with_room_stay() -> None:
 def chart(figure: Any) -> None:
     """Draw a series of three points with two intervals, and its name."""
     panel = figure.subplots()
-    look = looks(["late_fusion"])["late_fusion"]
+    look = policy_styles(["late_fusion"])["late_fusion"]
     ends = np.array([[1.0, 3.0], [np.nan, np.nan], [2.0, 5.0]])
     draw_series(panel, np.arange(3.0), np.array([2.0, 3.0, 4.0]), ends, look)
     label_ends(panel, [("late_fusion", look, 2.0, 4.0)], 2.0)

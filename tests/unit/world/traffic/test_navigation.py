@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from lit_crossing import crossing
@@ -38,6 +40,22 @@ def test_a_steered_car_is_shown_lights_and_stops_as_one_on_rails_is() -> None:
             assert len(routes[0].beside) == len(routes[0].lane_width_m) == 101
     assert lights == {NO_LIGHT, GREEN, RED} and any(one for one, _ in stops)
     assert all(len(one) == len(other) and abs(sum(one) - sum(other)) <= 2 for one, other in stops)
+
+
+@pytest.mark.parametrize(("control", "command"), [("acceleration", 3.0), ("steering", (3.0, 0.0))])
+def test_a_car_that_passes_a_red_light_has_run_it_once(control: str, command: Any) -> None:
+    world, names = lit(control, 2), [f"cav_{k}" for k in range(4)]
+    brake = -8.0 if control == "acceleration" else (-8.0, 0.0)
+    for _ in range(170):  # until it is red
+        world.step(DT_S, dict.fromkeys(names, brake))
+    before, ran = dict.fromkeys(names, NO_LIGHT), dict.fromkeys(names, 0)
+    for _ in range(60):
+        world.step(DT_S, dict.fromkeys(names, command))
+        for name in names:
+            now = int(world.car_ahead(name).route.lights[0])
+            ran[name] += now == RED and before[name] == NO_LIGHT
+            before[name] = now
+    assert {name: world.car_ahead(name).red_lights for name in names} == ran and set(ran.values()) == {0, 1}
 
 
 def test_ways_are_as_long_as_asked_turn_and_differ() -> None:
