@@ -254,5 +254,6 @@ _SAME_M = 2.0
 
 def _apart_m(boxes: Boxes3D, others: Boxes3D) -> Floats:
     """Return the distance (N,) from each box to the nearest other one; infinite if there is none."""
-    apart: Floats = np.linalg.norm(boxes.center[:, None, :2] - others.center[None, :, :2], axis=2)
-    return apart.min(axis=1, initial=np.inf)
+    apart = np.linalg.norm(boxes.center[:, None, :2] - others.center[None, :, :2], axis=2)
+    nearest: Floats = apart.min(axis=1, initial=np.inf)
+    return nearest

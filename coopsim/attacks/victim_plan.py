@@ -110,7 +110,8 @@ class VictimPlan:
     def toward(self) -> Floats:
         """Unit vectors (N, 2) from the objects to the route, across it."""
         east, north = self.route.tangents[self.route.place(self.objects.boxes.center[:, :2])[2]].T
-        return -np.sign(self.aside_m)[:, None] * np.column_stack([-north, east])
+        toward: Floats = -np.sign(self.aside_m)[:, None] * np.column_stack([-north, east])
+        return toward
 
     def move(self, row: int, by_m: Floats, speed: Floats | None = None, score: float = math.nan) -> None:
         """Say that an object is beside its place by (2,) m, faster by (2,) m/s, and how sure that is; NaN: as it is."""

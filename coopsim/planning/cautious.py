@@ -59,7 +59,7 @@ class Cautious(RouteFollower):
         nowhere = np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((0, 4)), np.zeros((0, 7))
         hidden(*nowhere, self.sees_m)  # compiled here, as the time for a plan is limited
 
-    def plan(self, car: PlannedCar) -> tuple[float, float]:
+    def plan(self, car: PlannedCar) -> tuple[float, float]:  # type: ignore[override]  # it steers, too
         if car.occlusions is None:
             return super().plan(car)
         limits = car.route.speed_limit_m_s.copy()

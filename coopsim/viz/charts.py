@@ -52,7 +52,8 @@ def to_svg(draw: Callable[[Figure], object], width_in: float, height_in: float) 
 
     text = io.StringIO()
     # No date and no random ids: the same numbers give the same file.
-    with rc_context({**_STYLE, "axes.prop_cycle": cycler(color=COLORS)}):
+    style: Any = {**_STYLE, "axes.prop_cycle": cycler(color=COLORS)}
+    with rc_context(style):
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         draw(figure)
         figure.savefig(text, format="svg", metadata={"Date": None, "Creator": "coopsim"})

@@ -24,9 +24,11 @@ LONGEST_CALL_S = 5.0
 
 
 class PlannedDriving:
-    """The planners of an episode, one for each driven car."""
+    """The planners of an episode, one for each driven car; without `occlusions` they know no hiding places."""
 
-    def __init__(self, planner: PlannerOption, driven: Mapping[str, AgentSpec], occlusions: OcclusionMap) -> None:
+    def __init__(
+        self, planner: PlannerOption, driven: Mapping[str, AgentSpec], occlusions: OcclusionMap | None = None
+    ) -> None:
         self._specs, self._occlusions = driven, occlusions
         self._planners = {name: make_planner(planner) for name in driven}
         self._aware = {name for name, each in self._planners.items() if each.occlusion_aware}
@@ -34,7 +36,8 @@ class PlannedDriving:
 
     def hear(self, received: Mapping[str, Observation]) -> None:
         """Take notice of what arrived at the driven cars, by name."""
-        self._occlusions.hear({name: received[name] for name in self._aware if name in received})
+        if self._occlusions is not None:
+            self._occlusions.hear({name: received[name] for name in self._aware if name in received})
         for name, intents in self._intents.items():
             if name in received:
                 intents.hear(received[name])
@@ -56,7 +59,7 @@ class PlannedDriving:
         }
 
     def _ask(self, name: str, time_ns: int, agent: AgentFrame, tracks: Tracks) -> Plan:
-        state = agent.car
+        state, hiding = agent.car, self._occlusions if name in self._aware else None
         assert state is not None
         car = PlannedCar(
             name,
@@ -73,7 +76,7 @@ class PlannedDriving:
             state.steering_rad,
             state.wheelbase_m,
             self._intents[name].now(agent.observation),
-            self._occlusions.of(name, agent.observation) if name in self._aware else None,
+            None if hiding is None else hiding.of(name, agent.observation),
         )
         planner, began = self._planners[name], time.monotonic()
         try:

@@ -108,8 +108,9 @@ class Simulation(FrameSource):
         if self.specs[name].kind != "cav" or self._options.traffic == "highway-env":
             return None
         world = self._world
-        known = isinstance(world, World) or (isinstance(world, DrivenWorld) and name in self._driven)
-        return world.car_ahead(name) if known else None
+        if not isinstance(world, DrivenWorld) or not (isinstance(world, World) or name in self._driven):
+            return None
+        return world.car_ahead(name)
 
     def hear(self, received: Mapping[str, Observation]) -> None:
         """Let planners hear what others plan; see `FrameSource.hear`."""

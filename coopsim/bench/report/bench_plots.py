@@ -67,7 +67,7 @@ def _plot(table: ResultTable, metric: str, axis: Axis, scenarios: Sequence[str |
             panel.set(title=scenario or "", xlabel=axis.label)
         for panel in panels[len(scenarios) :]:
             panel.set_axis_off()
-        limit_height(panels[: len(scenarios)], from_zero=is_yes_no(metric))
+        limit_height(list(panels[: len(scenarios)]), from_zero=is_yes_no(metric))
         for panel in panels[::columns]:
             panel.set_ylabel(name_of(metric))
         if axis.named or not fit_beside(list(names)):

@@ -84,12 +84,13 @@ class SpaceView:
 
     def _run(self, run: SpaceRun, names: Sequence[str]) -> dict[str, Any]:
         numbers = range(len(run.film.frames))[self.first : self.last]
-        arrived = [[_links(run.film.arrived[k], names)] if k < len(run.film.arrived) else [[]] for k in numbers]
+        known = len(run.film.arrived)
+        arrived = [_links(run.film.arrived[k], names) if k < known else [] for k in numbers]
         return {
             "label": run.label,
             "conflict": list(run.conflict),
             "frames": [
-                _tracks(run.film.frames[k].space, names) | {"arrived": each[0]}
+                _tracks(run.film.frames[k].space, names) | {"arrived": each}
                 for k, each in zip(numbers, arrived, strict=True)
             ],
         }

@@ -118,7 +118,8 @@ class Panel:
         """Return the outline (4, 2) of a body (5,), wider by `grow_m` on each side, and large enough to be seen."""
         grown = body.copy()
         grown[2:4] = np.maximum(body[2:4], 2 * _LEAST_PX / self._px_per_m) + 2 * grow_m
-        return outlines(box_of(grown))[0]
+        corners: Floats = outlines(box_of(grown))[0]
+        return corners
 
     def _car(self, car: Floats, acceleration_m_s2: float) -> None:
         above = self._above
