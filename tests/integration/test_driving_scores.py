@@ -14,7 +14,11 @@ def test_a_situation_has_all_metrics_of_driving() -> None:
     assert values["crash"] == values["phantom_brakes"] == 0
     assert values["lead_time"] > 1.0
     assert values["lead_time"] > values["lead_time_braked"] > 0
-    assert {name for name in DRIVING if math.isnan(values[name])} == {"impact_speed"}
+    assert {name for name in DRIVING if math.isnan(values[name])} == {
+        "impact_speed",
+        "route_completion",
+        "success",
+    }
 
 
 def test_an_ordinary_run_has_none() -> None:

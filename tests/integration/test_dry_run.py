@@ -57,7 +57,7 @@ def test_commands_print_a_line_and_write_nothing(
     monkeypatch.chdir(tmp_path)
     simple = ["--option", "lidar=null", "--detector", "simulated", "--frames", "3", "--dry-run", "--workers", "2"]
     assert main(["bench", "--policies", "no_fusion", "--seeds", "0-3", *simple]) == 0
-    assert capsys.readouterr().out.startswith("4 cells, 0 are stored, 4 to run: about ")
+    assert capsys.readouterr().out.startswith("4 runs, 0 are stored, 4 to run: about ")
     assert main(["detect", "--policies", "no_fusion", "--json", "rows.json", *simple]) == 0
     assert "2 episodes, 0 are stored, 2 to run: about " in capsys.readouterr().out
     assert list(tmp_path.iterdir()) == []

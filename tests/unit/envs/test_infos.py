@@ -19,7 +19,7 @@ from coopsim.wire.actions import pack_tracks
 QUICK: dict[str, Any] = {"lidar": None, "pedestrians": 0, "rsus": 0}
 DRIVER: dict[str, Any] = {"control": "acceleration", "tracker": "no_fusion", "reward": "safe_progress", **QUICK}
 HIDDEN: dict[str, Any] = {"control": "acceleration", "tracker": "no_fusion", "reward": "safe_progress", "lidar": None}
-OWN = {"speed_m_s", "progress", "crashed", "hit_by_log"}
+OWN = {"speed_m_s", "progress", "crashed", "hit_by_log", "red_lights"}
 
 NOTHING = {"tracks": pack_tracks(Tracks.empty())}
 

@@ -176,7 +176,7 @@ def test_every_preset_can_be_run(name: str) -> None:
     reads_sweeps = name in ("paper", "paper_disturbed", "safety_networks", "lies_places", "lies_networks")
     if reads_sweeps and name != "lies_places":
         pytest.importorskip("torch")
-    few = {} if name.startswith("safety") else {"vehicles": 6}
+    few = {} if name.startswith("safety") or name == "driving" else {"vehicles": 6}
     blind = {} if reads_sweeps else {"lidar": None}
     grid = find_grid(name, options=few | blind).grid()
     require_count(2, policies=len(grid.policies))
@@ -185,7 +185,7 @@ def test_every_preset_can_be_run(name: str) -> None:
 
 def test_presets_are_what_they_are_called() -> None:
     disturbing = {"bandwidth", "latency", "lies", "lies_networks", "lies_places", "loss", "pose"}
-    others = {"leaderboard", "paper", "paper_disturbed", "quick", "safety", "safety_networks", "warm_up"}
+    others = {"driving", "leaderboard", "paper", "paper_disturbed", "quick", "safety", "safety_networks", "warm_up"}
     assert set(PRESETS) == disturbing | others
     latency, pose, quick = (find_grid(name).grid() for name in ("latency", "pose", "quick"))
     assert (min(latency.latencies_ms), max(latency.latencies_ms)) == (0, 500)
@@ -359,4 +359,4 @@ def test_the_page_of_situations_counts_the_cells_of_its_command() -> None:
     options = parser.parse_args(words[2:])
     given = flag_values(options)
     cells, whole = len(list(find_grid("safety", **given).grid().cells())), len(list(find_grid("safety").grid().cells()))
-    assert f"These are {cells:,} cells" in page and f"The whole preset has {whole:,}." in page
+    assert f"These are {cells:,} runs" in page and f"The whole preset has {whole:,}." in page
