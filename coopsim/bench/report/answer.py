@@ -33,6 +33,7 @@ from coopsim.metrics.built_in import BYTES, all_metrics, is_yes_no, less_is_bett
 _FOUND = ("APBEV", "mAP", "AP")  # how metrics of detection begin
 _OTHERS = 4  # names in a sentence
 _STEPS = 3  # numbers in it
+_LEAST_P = 0.05  # above it a difference is not shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +110,7 @@ def _shared(table: ResultTable, metric: str, best: int, known: dict[int, Change]
         text = f"with {policy} {metric} is {format_value(found.sharing, form)}, without messages "
         text += f"({table.policies[alone]}) {format_value(found.alone, form)}: {difference_text(found.change, form)}"
         text += f" over {table.samples.text}" * (found.pairs > 1)
-    begin = _verdict(found, metric) if found.pairs > 1 else f"In {table.samples.text}, which shows little"
+    begin = _verdict(found, metric, len(known)) if found.pairs > 1 else f"In {table.samples.text}, which shows little"
     return Answer(question, f"{begin}: {text}.", tuple(points))
 
 
@@ -123,12 +124,19 @@ def _kinds(table: ResultTable, metric: str, policy: int) -> Iterator[tuple[str, 
             yield from _pair(f"Drives {kind}", text)
 
 
-def _verdict(found: Change, metric: str) -> str:
-    """Return yes, no, or that it is not shown."""
+def _verdict(found: Change, metric: str, compared: int) -> str:
+    """Return yes, no, or that it is not shown, for the best of so many policies, whose p-value is corrected for them.
+
+    A few pairs may have an interval without 0, and a p-value that shows nothing.
+    """
+    low, high = found.change.low, found.change.high
+    if low == high == 0:
+        return "No"
+    if compared * found.p_value > _LEAST_P:
+        return "Not shown"
     if is_gain(found, metric):
         return "Yes"
-    low, high = found.change.low, found.change.high
-    return "No" if (low > 0 if less_is_better(metric) else high < 0) or low == high == 0 else "Not shown"
+    return "No" if (low > 0 if less_is_better(metric) else high < 0) else "Not shown"
 
 
 def _deed(metric: str) -> str:

@@ -123,6 +123,18 @@ def test_a_benchmark_of_lies_asks_what_a_liar_can_do() -> None:
     assert found(lied(lambda attack: 0.0)).verdict.startswith("No harm is shown: under cav_1=ghost")
 
 
+@pytest.mark.parametrize(("pairs", "verdict"), [(6, "Not shown: "), (20, "Yes: ")])
+def test_a_few_pairs_show_nothing_though_their_interval_has_no_zero(pairs: int, verdict: str) -> None:
+    """Half of the runs alone crash, none with messages: of six pairs McNemar's p is .25, of twenty .002."""
+
+    def values(cell: Cell) -> dict[str, float]:
+        alone = cell.policy == "no_fusion"
+        return {"crash": 100.0 * (alone and cell.seed % 2 == 0), "bytes_per_s": 0.0 if alone else 1.0}
+
+    table = made(["no_fusion", "late_fusion"], [Condition("merge")], pairs, values)
+    assert found(table).verdict.startswith(verdict)
+
+
 def test_a_lie_that_stops_the_car_is_told_though_nothing_crashes() -> None:
     answer = found(lied(lambda attack: 0.0, progress=40.0))
     assert answer.verdict.startswith(
