@@ -105,7 +105,7 @@ class Planner(ABC):
 
 PLANNERS: Registry[type[Planner]] = Registry(
     "planner",
-    home=tuple(f"coopsim.planning.{name}" for name in ("idm_aeb", "route_follower", "cautious")),
+    home=("coopsim.planning.idm_aeb", "coopsim.planning.route_follower", "coopsim.planning.cautious"),
     group="coopsim.planners",
 )
 """Planner classes. Installed packages add theirs through the entry-point group `coopsim.planners`."""

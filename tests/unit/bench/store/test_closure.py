@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import re
 import shutil
 import sys
 import time
@@ -128,6 +129,15 @@ def _imports(tree: ast.AST) -> Iterator[str]:
             assert node.level == 0
             yield from (str(node.module), *(f"{node.module}.{each.name}" for each in node.names))
         yield from _imports(node)
+
+
+def test_homes_of_registries_are_written_out(package: Package) -> None:
+    """Patterns find no home that is computed: its modules would be in no key, and runs that load them would be lost."""
+    for name in sorted(package.names - {"coopsim.support.registry"}):
+        path = ROOT.joinpath(*name.split(".")[1:])
+        text = (path / "__init__.py" if path.is_dir() else path.with_suffix(".py")).read_text(encoding="utf-8")
+        if "Registry(" in text:
+            assert len(re.findall(r"\bhome=", text)) <= len(scan(text).homes), name
 
 
 def test_keys_are_quick(package: Package) -> None:
