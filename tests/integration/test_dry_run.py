@@ -38,7 +38,9 @@ def test_a_long_run_takes_longer_than_a_short_one(tmp_path: Path) -> None:
 def test_episodes_of_detection_are_estimated_by_their_length() -> None:
     one = DetectPlan(("no_fusion",), seeds=(0,), frames=2, options=SIMPLE, detector="simulated")
     first, second = estimate_detection(one, None), estimate_detection(replace(one, frames=500), None)
-    assert first.runs == second.runs == 1 and second.left_s > 20 * first.left_s > 0
+    assert (
+        first.runs == second.runs == 1 and second.left_s > 5 * first.left_s > 0
+    )  # 250 times, on a machine that is free
 
 
 def test_unmeasured_kinds_grow_as_the_slowest_policy_does() -> None:
