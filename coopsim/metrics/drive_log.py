@@ -13,10 +13,11 @@ from coopsim.episode import Episode, Recorder
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats
-from coopsim.metrics.drive_rules import DrivableArea, RuleState, state_of
+from coopsim.metrics.drive_rules import RuleState, state_of
 from coopsim.support.arrays import freeze
 from coopsim.types import NS_PER_S, GroundTruth, Ints, Mask, Tracks, stack_xyz_yaw
 from coopsim.types.driving import CarState
+from coopsim.world.drivable_area import DrivableArea
 
 _Small = NDArray[np.float32]
 """Places in a car's own frame are kept with 32 bits, which are exact to 0.01 mm at 100 m."""

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
-from coopsim.geometry.surface import Surface
 from coopsim.types.driving import NO_LIGHT, RED, CarState
-from coopsim.world.snapshot import RoadMap
 
 if TYPE_CHECKING:
     from coopsim.metrics.drive_log import Drive
@@ -40,28 +38,6 @@ class RuleState(NamedTuple):
     against: float = 0.0
     front_light: float = NO_LIGHT
     light: float = NO_LIGHT
-
-
-class DrivableArea:
-    """The drivable area of a place: lanes, parking and crosswalks; cars on rails never leave it."""
-
-    def __init__(self, road_map: RoadMap) -> None:
-        self._road = Surface([*road_map.lanes, *road_map.parking, *road_map.crosswalks])
-        self._pavements = Surface(road_map.pavements)
-
-    def left(self, pose: Floats, length_m: float, width_m: float) -> tuple[bool, bool]:
-        """Return whether the middle of a body is off the road, and whether that or a corner has left the area.
-
-        Args:
-            pose: (3,) x, y, m, and heading, rad, in the world frame.
-            length_m: length of the body.
-            width_m: width of the body.
-        """
-        cos, sin = math.cos(pose[2]), math.sin(pose[2])
-        ahead, left = np.array([cos, sin]) * length_m / 2, np.array([-sin, cos]) * width_m / 2
-        corners = pose[:2] + np.stack([ahead + left, ahead - left, -ahead - left, left - ahead])
-        off_road = not bool(self._road.covers(pose[None, :2])[0])
-        return off_road, off_road or bool(self._pavements.covers(corners).any())
 
 
 def state_of(car: CarState, off_road: bool = False, off_area: bool = False, *, scripted: bool = False) -> RuleState:

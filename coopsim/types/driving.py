@@ -116,6 +116,24 @@ class Route:
         unit: Floats = steps / np.maximum(np.hypot(steps[:, 0], steps[:, 1]), 1e-9)[:, None]
         return unit
 
+    def pursuit_rad(self, speed_m_s: float, wheelbase_m: float, look_s: float = 0.6, look_m: float = 4.0) -> float:
+        """Return the angle of the front wheels that leads a car along the way, rad, by pure pursuit.
+
+        The rear axle goes along the circle that leads to a place ahead (Coulter, "Implementation of the Pure Pursuit
+        Path Tracking Algorithm", CMU-RI-TR-92-01, 1992).
+
+        Args:
+            speed_m_s: the car's speed.
+            wheelbase_m: distance between its axles.
+            look_s: time to that place; ours: less swings with the lag of the wheels, more cuts corners.
+            look_m: least distance to it; ours.
+        """
+        ahead = round(max(look_s * speed_m_s, look_m) / self.spacing_m)
+        x, y = self.points[min(ahead, len(self.points) - 1)].tolist()
+        x += wheelbase_m / 2  # from the rear axle
+        angle = math.atan(2 * y / max(x * x + y * y, 1e-9) * wheelbase_m)
+        return min(max(angle, -LARGEST_STEERING_RAD), LARGEST_STEERING_RAD)
+
     def place(self, points: Floats) -> tuple[Floats, Floats, Ints]:
         """Return the distance along the route (M,) m, that to its left (M,) m, and the nearest point (M,) of places.
 

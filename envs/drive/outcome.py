@@ -26,10 +26,10 @@ from typing import Any
 import numpy as np
 
 from coopsim.geometry.se3 import Floats
-from coopsim.geometry.surface import Surface
 from coopsim.geometry.taken_ground import TakenGround
 from coopsim.types.driving import NO_LIGHT, RED, CarState
 from coopsim.types.taxonomy import ObjectClass
+from coopsim.world.drivable_area import DrivableArea
 from coopsim.world.snapshot import RoadMap, RoadUsers
 
 _TOUCHES_M = 0.5  # bodies that crashed have been pushed apart
@@ -59,8 +59,7 @@ class Judge:
     """Judge of the drives in one place."""
 
     def __init__(self, road_map: RoadMap) -> None:
-        self._road = Surface([*road_map.lanes, *road_map.parking, *road_map.crosswalks])
-        self._pavements = Surface(road_map.pavements)
+        self._area = DrivableArea(road_map)
 
     def outcome(self, was: CarState, car: CarState, me: int, users: RoadUsers, hit: str, *, timed_out: bool) -> Outcome:
         """Return what has become of a car.
@@ -75,15 +74,15 @@ class Judge:
         """
         corners = _corners_of(users, me)
         arrives = not car.crashed and car.route.arrived
-        left, strays = not self._road.covers(users.position[me : me + 1])[0], car.route.strayed
+        left, strays = self._area.is_off_road(users.position[me]), car.route.strayed
         if car.crashed:
             hit = hit or _touched(corners, me, users)
         infos: dict[str, Any] = {f"crash_{kind}": hit == kind for kind in _KINDS}
         infos |= {
             "crash": car.crashed,
             "crashed": car.crashed,
-            "crash_sidewalk": bool(self._pavements.covers(corners).any()),
-            "out_of_road": bool(left),
+            "crash_sidewalk": self._area.is_pavement(corners),
+            "out_of_road": left,
             "out_of_route": strays,
             "arrive_dest": arrives,
             "max_step": timed_out,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from coopsim.envs.drive.observation import Observed
@@ -16,14 +14,11 @@ from coopsim.types.driving import (
     LARGEST_ACCELERATION_M_S2,
     LARGEST_BRAKING_M_S2,
     LARGEST_STEERING_RAD,
-    CarState,
     acceleration_of,
 )
 
 SEEN_M = 100.0
 """Distance up to which a planner is told of road users."""
-
-_LOOK_S, _LOOK_M = 0.6, 4.0  # to the place that a car steers to, as `route_follower`
 
 
 class PlannedDriver:
@@ -72,14 +67,6 @@ class PlannedDriver:
             car.wheelbase_m,
         )
         plan, self._heading, self._time_s = self._planner.plan(told), heading, self._time_s + dt_s
-        angle = plan[1] if isinstance(plan, tuple) else pursuit(car)
+        angle = plan[1] if isinstance(plan, tuple) else car.route.pursuit_rad(car.speed_m_s, car.wheelbase_m)
         acceleration = min(max(acceleration_of(plan), -LARGEST_BRAKING_M_S2), LARGEST_ACCELERATION_M_S2)
         return np.array([acceleration, min(max(angle, -LARGEST_STEERING_RAD), LARGEST_STEERING_RAD)], np.float32)
-
-
-def pursuit(car: CarState) -> float:
-    """Return the angle of the front wheels that leads the rear axle to a place ahead on the route, rad."""
-    ahead_m = max(_LOOK_S * car.speed_m_s, _LOOK_M)
-    x, y = car.route.points[min(round(ahead_m / car.route.spacing_m), len(car.route.points) - 1)].tolist()
-    x += car.wheelbase_m / 2
-    return math.atan(2 * y / max(x * x + y * y, 1e-9) * car.wheelbase_m)

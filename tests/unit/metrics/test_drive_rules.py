@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from drives import CAR, Thing, drive, scored, straight
 
-from coopsim.metrics.drive_rules import DrivableArea
 from coopsim.types.driving import GREEN, RED
+from coopsim.world.drivable_area import DrivableArea
 from coopsim.world.snapshot import RoadMap
 
 STEADY = [0.0] * 20

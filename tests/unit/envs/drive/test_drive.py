@@ -81,7 +81,7 @@ def test_a_planner_drives_a_car_that_there_is() -> None:
 def test_everybody_drives_on_the_surface_of_the_road() -> None:
     env = DriveParallel(place="urban_grid", vehicles=20)
     env.reset(seed=2)
-    road = env._judge._road
+    road = env._judge._area._road
     for _ in range(60):
         env._world.step(0.1, {"cav_0": (-8.0, 0.0)})
         assert road.covers(env._world.fleet.position[:20]).all()
