@@ -299,7 +299,7 @@ def test_all_is_looked_up_before_the_first_cell(tmp_path: Path, capsys: pytest.C
     for flags, message in [
         (["--policies", "no_fusion,late_fusoin"], "Did you mean 'late_fusion'"),
         (["--policies", "no_fusion", "--policy", "nunpy:X"], "there is no module 'nunpy'"),
-        (["--policies", "no_fusion", "--environments", "crossing,crosing"], "Did you mean 'crossing-v2'"),
+        (["--policies", "no_fusion", "--environments", "crossing,crosing"], "Did you mean 'crossing-v3'"),
         (["--policies", "no_fusion", "--option", "vehicels=3"], "Did you mean 'vehicles'"),
         (["--policies", "no_fusion", "--latencies-ms=-1"], "latencies_ms must be a finite number >= 0"),
         (["--policies", "no_fusion", "--engine", "rya"], "Did you mean 'ray'"),
