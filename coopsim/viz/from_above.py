@@ -105,9 +105,9 @@ class FromAbove:
         for one, other in ((0, 2), (1, 3)):
             self.line(corners[[one, other]], palette.FALSE_TRACK)
 
-    def ring(self, place: Floats, color: palette.RGB, radius_px: float) -> None:
+    def ring(self, place: Floats, color: palette.RGB, radius_px: float, width: int = 1) -> None:
         """Draw a ring about a place (2,)."""
-        self._round(place, radius_px, outline=color, width=self._fine)
+        self._round(place, radius_px, outline=color, width=width * self._fine)
 
     def dot(self, place: Floats, color: palette.RGB, radius_px: float) -> None:
         """Draw a dot."""

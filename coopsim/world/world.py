@@ -82,7 +82,7 @@ class World:
         self._labels = np.array([model.label for model in self.models])
         self._cycles_m = np.array([model.cycle_m for model in self.models])
         self.static: tuple[StaticPart, ...] = scenario.static
-        self.map: RoadMap = layout.road_map
+        self.map: RoadMap = scenario.road_map
         self._driven = control != "traffic"
         script = scenario.script
         count = population.connected if script is None else 1 + sum(role.connected for role in script.vehicles)

@@ -29,7 +29,7 @@ _KIND_OF = {
     **dict.fromkeys(("kerb",), "pavement"),
     **dict.fromkeys(("hump",), "road"),
     **dict.fromkeys(("building", "roof", "wall", "garden_wall"), "house"),
-    **dict.fromkeys(("tree", "bush", "hedge"), "plant"),
+    **dict.fromkeys(("tree", "trunk", "leaves", "bush", "hedge"), "plant"),
 }
 _LEFT_OUT = ("window",)  # on the walls of houses, and as many triangles as these
 

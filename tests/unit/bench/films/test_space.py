@@ -11,8 +11,9 @@ from small_env import SMALL
 from some_films import some_film
 
 from coopsim.bench.evaluate import evaluate
-from coopsim.bench.films.film import Film, Filming
+from coopsim.bench.films.film import Film
 from coopsim.bench.films.film_file import film_bytes, read_film
+from coopsim.bench.films.filming import Filming
 from coopsim.bench.films.space import (
     CLOUD_M,
     LENGTH_M,
