@@ -53,7 +53,7 @@ def driven(env: DriveEnv, seed: int, most: int = 2000) -> tuple[dict[str, Any], 
 
 
 def test_a_car_that_follows_its_route_alone_arrives_in_time() -> None:
-    env = DriveEnv(place="urban_grid", vehicles=1, pedestrians=0, route_m=(300, 300))
+    env = DriveEnv(place="urban_grid", vehicles=1, pedestrians=0, route_m=(150, 150))
     info, rewards = driven(env, 1)
     assert info["arrive_dest"] and info["is_success"] and info["route_completion"] == 1.0
     assert not (info["crash"] or info["out_of_road"] or info["max_step"])
