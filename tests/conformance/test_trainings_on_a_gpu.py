@@ -50,7 +50,7 @@ def trained(name: str, folder: Path, device: str) -> dict[str, Any]:
         held_out=1,
         samples={**recipe.samples, **(size if "identity" not in recipe.kind else {})},
     )
-    source = PicturedClips(frames=4) if "picture" in recipe.kind else SyntheticClips(frames=4)
+    source = PicturedClips(frames=2) if "picture" in recipe.kind else SyntheticClips(frames=2)
     return load_file(train(small, folder, 1, source=source, device=device, workers=0))
 
 
