@@ -44,7 +44,7 @@ print(gc.get_freeze_count() > 1000, any(each is later for each in gc.get_objects
 
 @pytest.mark.skipif(sys.platform != "linux", reason="glibc's alone")
 def test_kept_memory_is_released_on_request() -> None:
-    """200 arrays of 1 MB are below the limit of what is kept. What is loaded is looked through once, what is new again."""
+    """200 arrays of 1 MB are below the limit of what is kept. What is loaded is looked through once, the new again."""
     done = subprocess.run([sys.executable, "-c", RELEASED], capture_output=True, text=True, check=True)
     kept, released_mb, loaded_is_frozen, new_is_looked_through = done.stdout.split()
     assert kept == "False" or int(released_mb) > 150
