@@ -151,8 +151,11 @@ def _others(table: ResultTable, metric: str, best: int, known: dict[int, Change]
     others = [k for k in known if k != best]
     if not others:
         return ""
-    gains = sum(is_gain(known[k], metric) for k in others)
-    text = f"{gains} of {len(others)} others gain, too"
+    gain = [known[k].policy for k in others if is_gain(known[k], metric)]
+    if len(others) == 1:
+        text = f"a gain is shown of {gain[0]}, too" if gain else f"no gain is shown of {known[others[0]].policy}"
+    else:
+        text = f"{len(gain)} of {len(others)} others gain, too" if gain else f"no gain is shown of {len(others)} others"
     level = [table.policies[k] for k, each in enumerate(compare_with_best(table, metric, calm(table))) if each.unbeaten]
     return f"{text}; {_listed(level)} not shown to differ from the best" if level else text
 

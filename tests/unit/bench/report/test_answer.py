@@ -56,7 +56,7 @@ def test_trackers_are_asked_whether_messages_help() -> None:
     assert answer.verdict.endswith(" over 8 seeds.") and "+22.2 (+2" in answer.verdict
     points = dict(answer.points)
     assert points["What it costs"] == "An agent sends 4.1 kB/s."
-    assert points["Other policies"] == "1 of 1 others gain, too."
+    assert points["Other policies"] == "A gain is shown of late_fusion, too."
 
 
 def test_no_and_not_shown_are_said() -> None:
