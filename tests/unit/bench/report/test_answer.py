@@ -8,7 +8,7 @@ import pytest
 from html_page import Page
 
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
-from coopsim.bench.report.answer import Answer, answer_of
+from coopsim.bench.report.answer import Answer, _crashes, answer_of
 from coopsim.bench.report.bench_report import About, render_bench_report
 from coopsim.bench.results.result_table import ResultTable
 from tests.helpers.crashes import RATES, crash_results
@@ -75,7 +75,7 @@ def test_the_end_of_the_gain_is_told() -> None:
 def test_crashes_are_counted_and_bounds_do_not_compete() -> None:
     answer = found(ResultTable.of(crash_results(conditions=LATE)))
     assert answer.question == "Do messages prevent crashes?" and "crashes avoided, 0 caused" in answer.verdict
-    assert "truth" not in answer.verdict
+    assert "truth" not in answer.verdict and (_crashes(1), _crashes(0)) == ("1 crash", "0 crashes")
 
 
 @pytest.mark.parametrize(("metric", "deed"), [("APBEV@0.5", "detect"), ("mine", "have a better mine")])
