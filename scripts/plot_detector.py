@@ -149,9 +149,10 @@ def _false_by_range(axes: Axes, every: dict[str, Matches]) -> None:
 
 def _over_time(axes: Axes, every: dict[str, Matches], name: str) -> None:
     for kind, matches in every.items():
-        axes.plot(LAGS / 10, _correlations(seen(matches), name), color=COLORS[kind], marker=".")
+        axes.plot(LAGS / 10, _correlations(seen(matches), name), color=COLOR_OF[kind], marker=".")
     what = {"found": "being found", "score": "score"}.get(name, f"error {name}")
     axes.set(title=f"autocorrelation: {what}", xlabel="s", xscale="log", ylim=(-0.1, 1))
+    axes.xaxis.set_major_formatter("{x:g}")
 
 
 def _outline(axes: Axes, value: Floats, edges: Floats, name: str) -> None:
