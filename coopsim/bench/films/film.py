@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.bench.films.space import Solid, SpaceFrame
+from coopsim.bench.films.space import Solid, SpaceFrame, short_ids
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.metrics.drive_events import find_events
@@ -112,7 +112,7 @@ class FilmFrame:
 
 def to_rows(ids: Ints, prints: Floats) -> Rows:
     """Return boxes with footprints (N, 5), m and rad, as whole numbers."""
-    scaled = np.column_stack([ids % (_INT32_MAX + 1), prints[:, :4] / BOX_M, wrap_angle(prints[:, 4]) / TURN_RAD])
+    scaled = np.column_stack([short_ids(ids), prints[:, :4] / BOX_M, wrap_angle(prints[:, 4]) / TURN_RAD])
     return np.clip(np.round(scaled), -_INT32_MAX, _INT32_MAX).astype(np.int32)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from coopsim.bench.films.drive_moments import Events, find_moments, in_view, tracked
 from coopsim.bench.films.film import Film, FilmFrame
+from coopsim.bench.films.space import short_ids
 from coopsim.bench.grid.cell import Cell
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats, wrap_angle
@@ -88,7 +89,7 @@ class Recording:
         after, reported = min(frame + 1, len(drive) - 1), min(frame, len(drive) - 2)
         bodies = _between(drive.boxes[frame], drive.boxes[after], share)
         there = np.isfinite(bodies).all(axis=1)
-        news = self.film.news(self.agent, reported)
+        news, ids = self.film.news(self.agent, reported), short_ids(drive.ids).tolist()
         known, boxes = tracked(drive)[reported], drive.tracks[reported].boxes
         false = is_false(boxes, np.vstack([drive.boxes[reported], drive.car[reported]]))
         return Scenery(
@@ -101,7 +102,7 @@ class Recording:
             boxes[false],
             self.others(reported),
             drive.ways[frame].points,
-            [(bodies[k, :2], news[each]) for k, each in enumerate(drive.ids.tolist()) if each in news and there[k]],
+            [(bodies[k, :2], news[ids[k]]) for k in np.flatnonzero(there).tolist() if ids[k] in news],
         )
 
     def others(self, frame: int) -> dict[str, Floats]:

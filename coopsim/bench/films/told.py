@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from coopsim.bench.films.film import BOX_M, TURN_RAD, FilmFrame, Rows
+from coopsim.bench.films.space import short_ids
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Ints
 from coopsim.viz.false_tracks import BESIDE_M, apart_m
@@ -15,6 +16,7 @@ from coopsim.viz.false_tracks import BESIDE_M, apart_m
 MEMORY_S = 1.0
 """Time for which trackers keep what they no longer see; views in three dimensions have it, too."""
 
+_NOTHING, _NOBODY = np.zeros(0, dtype=np.int64), 0
 _BY_MIDDLES = 1e-3  # weight of the distance of middles: of bodies that overlap a track, the nearest one counts
 
 
@@ -43,8 +45,9 @@ def with_told(
             senders = sorted(frozenset[str]().union(*(arrived[j].get(agent, ()) for j in late)))
             theirs = [seen[j][name] for j in late for name in senders if name in seen[j]]
             theirs.append(np.array([carriers[name] for name in senders if name in carriers], dtype=np.int64))
-            mine = np.append(seen[k].get(agent, ()), carriers.get(agent, -1))
-            ids = np.setdiff1d(np.intersect1d(tracked_ids(frame.truth, tracks), np.concatenate(theirs)), mine)
+            mine = np.append(seen[k].get(agent, _NOTHING), carriers.get(agent, _NOBODY))
+            known = np.intersect1d(tracked_ids(frame.truth, tracks), short_ids(np.concatenate(theirs)))
+            ids = np.setdiff1d(known, short_ids(mine))
             if len(ids):
                 told[agent] = ids
         made.append(replace(frame, told=told))

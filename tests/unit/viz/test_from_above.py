@@ -36,11 +36,12 @@ def test_each_frame_begins_on_the_bare_ground() -> None:
     np.testing.assert_array_equal(above.done(), bare)
 
 
-def test_pavements_have_kerbs_which_roads_cover() -> None:
-    above = drawing(RoadMap((), (), (SQUARE,), ()))
+def test_pavements_have_kerbs_which_roads_cover_and_none_where_two_meet() -> None:
+    half = SQUARE * [0.5, 1.0]
+    above = drawing(RoadMap((), (), (half - np.array([2.0, 0.0]), half + np.array([2.0, 0.0])), ()))
     above.begin()
     picture = np.asarray(above.done())
-    assert tuple(picture[50, 10]) == palette.KERB and tuple(picture[50, 50]) == palette.MAP["pavements"]
+    assert tuple(picture[50, 9]) == palette.KERB and (picture[50, 11:89] == palette.MAP["pavements"]).all()
     above = drawing(RoadMap((1.1 * SQUARE,), (), (SQUARE,), ()))
     above.begin()
     assert not (np.asarray(above.done()) == palette.KERB).all(axis=-1).any()

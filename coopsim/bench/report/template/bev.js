@@ -54,12 +54,12 @@ function drawFromAbove(canvas, scene, index, run, { agent, eye, span, layers }) 
       polygon.forEach(([x, y], k) => (k ? context.lineTo(toX(x), toY(y)) : context.moveTo(toX(x), toY(y))));
       context.closePath();
     }
+    if (edge) context.stroke(); // under all of them, so that no joint has a kerb
     context.fill("nonzero");
-    if (edge) context.stroke();
   };
   const { bars, ...ground } = scene.map;
   context.strokeStyle = scene.colors.kerb;
-  context.lineWidth = 1;
+  context.lineWidth = 2;
   for (const [name, polygons] of Object.entries(ground)) fill(polygons, scene.colors[name], name === "pavements");
   const frame = scene.frames[index];
   [...frame.lights].forEach((letter, k) => fill([bars[k]], scene.colors[letter]));

@@ -14,7 +14,8 @@ from coopsim.bench.films.told import tracked_ids, with_told
 from coopsim.bench.grid.cell import Cell, Condition
 from coopsim.world.snapshot import RoadMap
 
-ME, YOU, SEEN_BY_BOTH, SEEN_BY_YOU, SEEN_BY_NOBODY = 1, 2, 3, 4, 5
+ME, YOU, SEEN_BY_BOTH, SEEN_BY_YOU, SEEN_BY_NOBODY = 1, 2, 3, 5_000_000_000, 5
+SHORT = SEEN_BY_YOU % 2**31  # as films have it
 PLACES = {ME: (0, 0), YOU: (30, 0), SEEN_BY_BOTH: (10, 0), SEEN_BY_YOU: (20, 5), SEEN_BY_NOBODY: (50, 0)}
 ON_NOTHING = (90, 90)
 
@@ -37,14 +38,14 @@ def film(*, arrives_in: int = 1, frames: int = 16) -> Film:
 
 def test_what_a_sender_saw_or_is_and_the_receiver_does_not_see_is_known_by_message() -> None:
     told = [frame.told.get("me", np.zeros(0)).tolist() for frame in film().frames]
-    assert told == [[], *[[YOU, SEEN_BY_YOU]] * 11, [], [], [], []], "for a second after the message"
+    assert told == [[], *[[YOU, SHORT]] * 11, [], [], [], []], "for a second after the message"
 
 
 def test_news_are_new_for_a_moment() -> None:
     found = film()
     assert found.news("me", 0) == {} == found.news("you", 3)
     for frame in range(1, 9):
-        assert found.news("me", frame) == pytest.approx(dict.fromkeys((YOU, SEEN_BY_YOU), (frame - 1) / 8))
+        assert found.news("me", frame) == pytest.approx(dict.fromkeys((YOU, SHORT), (frame - 1) / 8))
     assert found.news("me", 9) == {} == found.news("me", 12)
     assert set(film(arrives_in=0).news("me", 0).values()) == {0.0}, "before a film nothing was told"
 
@@ -57,8 +58,10 @@ def test_of_objects_beside_a_track_the_nearest_counts() -> None:
 
 def test_a_recording_places_news_where_the_object_is() -> None:
     shot = some_film(4)
-    frames = [replace(frame, told={"cav_0": np.array([7])} if k else {}) for k, frame in enumerate(shot.frames)]
-    recording = Recording.of(Cell("late_fusion", Condition(), 0, None), replace(shot, frames=frames))
+    frames = [replace(frame, told={"cav_0": np.array([SHORT])} if k else {}) for k, frame in enumerate(shot.frames)]
+    assert shot.drive is not None
+    drive = replace(shot.drive, drive=replace(shot.drive.drive, ids=np.array([SEEN_BY_YOU])))
+    recording = Recording.of(Cell("late_fusion", Condition(), 0, None), replace(shot, frames=frames, drive=drive))
     assert recording.at(0.0).news == []
     ((place, share),) = recording.at(0.2).news
     assert place.tolist() == [20.0, 0.0] and share == pytest.approx(1 / 8)
