@@ -71,7 +71,7 @@ class DemoRun:
 
     @property
     def news(self) -> list[Mapping[str, Mapping[int, float]]]:
-        """What messages have just told each agent of, in each frame."""
+        """The news of each frame by agent: objects of which messages have just told it."""
         film = self.film
         return [{name: film.news(name, k) for name in frame.told} for k, frame in enumerate(film.frames)]
 
