@@ -21,13 +21,14 @@ import numpy as np
 import coopsim
 from coopsim.bench.results.statistics import mean_interval, rate_interval
 from coopsim.episode import RECORDERS, Recorder
+from coopsim.geometry.se3 import Floats
 from coopsim.interfaces.attack_option import attacks_by_agent
 from coopsim.interfaces.defense import LEAST_TRUST, Defense, Reception, Trust, make_defense
 from coopsim.interfaces.guard import ASKED
 from coopsim.metrics.drive_events import find_events
 
 SITUATIONS = ("parking_street", "occluded_crossing")
-FRAMES, SAME_S, OWN_M = 50, 1.0, 2.0
+FRAMES, SAME_S, OWN_M, REAL_M = 50, 1.0, 2.0, 1.0
 SENSORS = {"lidar": "VLP-16", "lidar_columns": 300, "threads": 1}
 ATTACKS = {
     "nudge": "pose_offset(x_m=0.3, start_s=1)",
@@ -39,6 +40,7 @@ ATTACKS = {
     "phantom": "phantom_stop(start_s=1)",
     "poison": "trust_poison(start_s=1)",
 }
+CORE = ("", "shift", "phantom", "poison", "hide")
 LIARS = {"one": ("rsu_0",), "all": ("rsu_0", "cav_1")}
 
 Case = tuple[str, str, str, str, str]
@@ -49,14 +51,13 @@ def cases(plan: str) -> Iterator[Case]:
     """Yield the cases of a plan, honest ones first."""
     main = ("idm_aeb", "late_fusion")
     if plan == "core":
-        yield from ((*main, "", name, "all") for name in ("", "shift", "phantom", "poison"))
-        yield from ((*main, "witness", name, "all") for name in ("", "shift", "phantom"))
+        yield from ((*main, each, name, "all") for each in ("", "witness") for name in CORE)
     elif plan == "attacks":
-        yield from ((*main, "", name, "all") for name in ("", "nudge", "hide", "shift_half", "shift_slow"))
+        yield from ((*main, "", name, "all") for name in ("", "nudge", "shift_half", "shift_slow"))
         yield from ((*main, "", name, "one") for name in ("shift", "phantom"))
     elif plan == "defences":
-        yield from ((*main, "consistency", name, "all") for name in ("", "shift", "phantom"))
-        yield from ((*main, "witness", name, "all") for name in ("", "hide", "shift_sly"))
+        yield from ((*main, "consistency", name, "all") for name in CORE)
+        yield from ((*main, "witness", name, "all") for name in ("nudge", "shift_sly"))
         yield from (
             (*main, each, name, "one") for each in ("robosac", "consistency", "witness") for name in ("", "poison")
         )
@@ -66,31 +67,44 @@ def cases(plan: str) -> Iterator[Case]:
 
 
 class Counting(Defense):
-    """A defence that counts: objects told, and those doubted of which the receiver has no detection of its own."""
+    """A defence that counts objects told, and keeps in `doubted` those of which the receiver has no detection."""
 
     needs_lidar = True
 
-    def __init__(self, name: str, counts: Counter[str]) -> None:
-        self._judge, self._counts = make_defense(name), counts
+    def __init__(self, name: str, counts: Counter[str], doubted: dict[str, Floats]) -> None:
+        self._judge, self._counts, self._doubted = make_defense(name), counts, doubted
 
     def judge(self, reception: Reception) -> Trust:
         trust, own = self._judge.judge(reception), reception.own.boxes.center[:, :2]
-        if reception.spec.name == "cav_0" and trust.objects is not None:
-            for claim, objects in zip(reception.claims, trust.objects, strict=True):
+        if reception.spec.name == "cav_0":
+            for number, claim in enumerate(reception.claims):
                 place = claim.detections.boxes.center[:, :2]
-                near = np.linalg.norm(place[:, None] - own, axis=2).min(axis=1, initial=np.inf) <= OWN_M
+                objects = np.ones(len(place)) if trust.objects is None else trust.objects[number]
+                doubted = (objects < LEAST_TRUST) | (trust.senders.get(claim.sender, 1.0) < LEAST_TRUST)
                 self._counts["told"] += len(place)
-                self._counts["doubted"] += int(((objects < LEAST_TRUST) & ~near).sum())
+                self._doubted[claim.sender] = place[doubted & (_nearest_m(place, own) > OWN_M)]
         return trust
 
 
-class Expelled(Recorder):
-    """Senders that the driven car ever expelled."""
+def _nearest_m(place: Floats, others: Floats) -> Floats:
+    """Return the distances (N,) from places (N, 2) to the nearest of others (M, 2)."""
+    nearest: Floats = np.linalg.norm(place[:, None] - others, axis=2).min(axis=1, initial=np.inf)
+    return nearest
 
-    def __init__(self, policy: Any) -> None:
+
+class Expelled(Recorder):
+    """Senders that the driven car ever expelled, and how many of the objects that it doubts are there."""
+
+    def __init__(self, policy: Any, counts: Counter[str], doubted: dict[str, Floats]) -> None:
         self.policy, self.heard, self.names = policy, set[str](), set[str]()
+        self._counts, self._doubted = counts, doubted
 
     def on_report(self, episode: coopsim.Episode) -> None:
+        truth = episode.frame.agents["cav_0"].truth.boxes.center[:, :2]
+        for place in self._doubted.values():
+            self._counts["doubted"] += len(place)
+            self._counts["real"] += int((_nearest_m(place, truth) <= REAL_M).sum())
+        self._doubted.clear()
         trust = self.policy.trust("cav_0") if self.policy.guard is not None else {}
         self.heard |= set(trust)
         self.names |= {name for name, value in trust.items() if value < LEAST_TRUST}
@@ -99,11 +113,11 @@ class Expelled(Recorder):
 def run(case: Case, situation: str, seed: int) -> dict[str, Any]:
     """Run one episode and return what it tells of the driven car."""
     planner, name, defense, attack, who = case
-    counts: Counter[str] = Counter()
-    given = {"defense": lambda: Counting(defense, counts)} if defense else {}
+    counts, doubted = Counter[str](), dict[str, Floats]()
+    given = {"defense": lambda: Counting(defense, counts, doubted)} if defense else {}
     policy = coopsim.make_policy(name, delayed="replay", **given)
     attacks = dict.fromkeys(LIARS[who], ATTACKS[attack]) if attack else None
-    drives, expelled = RECORDERS.get("drives")(), Expelled(policy)
+    drives, expelled = RECORDERS.get("drives")(), Expelled(policy, counts, doubted)
     options = {"control": "planner", "planner": planner, "driven_agents": ("cav_0",), "max_cycles": FRAMES, **SENSORS}
     score = coopsim.evaluate(
         policy, situation, seed=seed, attacks=attacks, recorders=(drives, expelled), **options
@@ -116,7 +130,7 @@ def run(case: Case, situation: str, seed: int) -> dict[str, Any]:
         "progress": score["progress"],
         "phantom": len(events.phantom_s),
         "expelled": [len(expelled.names & honest), len(honest)],
-        "objects": [counts["doubted"], counts["told"]],
+        "objects": [counts["doubted"], counts["real"], counts["told"]],
         "defense_ms": 1000 * policy.guard.seconds / policy.counts[ASKED] if policy.guard is not None else 0.0,
     }
 
@@ -134,6 +148,7 @@ def table(found: dict[tuple[Case, str, int], dict[str, Any]]) -> Iterator[str]:
         twin = (*case[:3], "", case[4])
         pairs = [(each, found[k]) for place, each in runs.items() if (k := _twin(found, twin, place)) is not None]
         rate = rate_interval(np.array([100.0 * succeeded(*pair) for pair in pairs])) if case[3] and pairs else None
+        stopped = _stopped(found, case, runs) if case[2] and case[3] else None
         crash = np.array([100.0 * (each["crash_s"] is not None) for each in runs.values()])
         hard = np.array([len(each["hard_s"]) for each in runs.values()], np.float64)
         progress = np.array([each["progress"] for each in runs.values()])
@@ -143,10 +158,22 @@ def table(found: dict[tuple[Case, str, int], dict[str, Any]]) -> Iterator[str]:
         yield (
             f"{' '.join(each or '-' for each in case):48} n={len(runs):3}"
             + (f" success {rate.mean:.0f} ({rate.low:.0f} to {rate.high:.0f})" if rate else " " * 22)
+            + (f" stops {sum(stopped)}/{len(stopped)}" if stopped is not None else " " * 10)
             + f" crash {crash.mean():.0f} hard {mean_interval(hard).mean:.2f} progress {progress.mean():.1f}"
-            + f" expelled {expelled[0]}/{expelled[1]} doubted {objects[0]}/{objects[1]}"
+            + f" expelled {expelled[0]}/{expelled[1]} doubted {objects[0]}, real {objects[1]}, of {objects[2]}"
             + f" {np.mean([each['defense_ms'] for each in runs.values()]):.1f} ms"
         )
+
+
+def _stopped(found: Any, case: Case, runs: dict[tuple[str, int], dict[str, Any]]) -> list[bool]:
+    """Return whether the defence of a case stops each lie that succeeds where there is none."""
+    answers = []
+    for place, defended in runs.items():
+        plain = found.get(((*case[:2], "", *case[3:]), *place))
+        honest = [found.get(_twin(found, (*case[:2], name, "", case[4]), place)) for name in ("", case[2])]
+        if plain is not None and None not in honest and succeeded(plain, honest[0]):
+            answers.append(not succeeded(defended, honest[1]))
+    return answers
 
 
 def _twin(found: Any, twin: Case, place: tuple[str, int]) -> Any:

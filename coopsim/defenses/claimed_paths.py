@@ -18,6 +18,9 @@ slides: over eight in 0.8 s places
 that err by 0.3 m give a speed that errs by 0.46 m/s, `0.3 sqrt(12 / 8^3) / 0.1` (Bar-Shalom, Li and Kirubarajan,
 "Estimation with Applications to Tracking and Navigation", 2001)."""
 
+_YAW_RAD = 0.17
+"""Error of a heading, 10 degrees: by that much of its speed a vehicle that drives seems to slide."""
+
 _FASTER_M_S = 1.0
 """Growth of speed of what leaps: braking is harder than any start, and no leap."""
 
@@ -50,8 +53,12 @@ class ClaimedPaths:
         place = odom_SE3_base.apply(boxes.center)[:, :2]
         paths = self._joined(claim, place, time_ns / NS_PER_S - claim.age_s)
         yaw = boxes.yaw + odom_SE3_base.yaw
-        across = np.column_stack([-np.sin(yaw), np.cos(yaw)])
-        slides = np.abs(np.einsum("nd,nd->n", _fit(paths[:, -_SLIDES:])[1], across))
+        speed = _fit(paths[:, -_SLIDES:])[1]
+        across, along = (
+            np.abs(np.einsum("nd,nd->n", speed, np.column_stack(axis)))
+            for axis in ((-np.sin(yaw), np.cos(yaw)), (np.cos(yaw), np.sin(yaw)))
+        )
+        slides = np.maximum(across - _YAW_RAD * along, 0.0)
         enough = np.isfinite(paths[:, :, 2]).sum(axis=1) >= _FEWEST
         leaps = _leaps(paths) * enough
         return np.where(enough & (boxes.size[:, 0] >= _VEHICLE_M), slides, 0.0), leaps

@@ -10,14 +10,15 @@ import numpy as np
 from coopsim.defenses.belief import SenderBeliefs
 from coopsim.defenses.claim_memory import ClaimMemory
 from coopsim.defenses.claimed_paths import ClaimedPaths
-from coopsim.defenses.consistency import AGREED, LIED
+from coopsim.defenses.consistency import LIED
 from coopsim.defenses.lidar_rays import LidarRays
+from coopsim.defenses.seen_twice import SeenTwice
 from coopsim.geometry.boxes import Boxes3D, covers
 from coopsim.geometry.se3 import Floats
 from coopsim.interfaces.defense import DEFENSES, Claim, Defense, Reception, Trust
 from coopsim.support.checks import require_count, require_positive
 from coopsim.tracking.ab3dmot_tracker import ab3dmot
-from coopsim.types import Mask
+from coopsim.types import Ints, Mask
 
 
 @DEFENSES.register("witness")
@@ -25,17 +26,19 @@ from coopsim.types import Mask
 class Witness(Defense):
     """Believe of each object the one who sees it best: oneself, then those whom nothing contradicts.
 
-    1. An object that the receiver itself detects within `own_m`, or has detected in the last half second and has points
-       on, needs no other witness: what others say of it is left out. So a small shift of a real object has no effect
-       where the receiver looks.
+    1. An object that the receiver itself detects within `own_m` needs no other witness: what others say of it is left
+       out. So a small shift of a real object has no effect where the receiver looks. Of one that the receiver has
+       detected in the last two seconds and has points on, words are left out that put it elsewhere than its own track.
     2. An object that the receiver's rays go through is left out, as in CAD (Zhang et al., USENIX Security 2024).
     3. A vehicle that a sender's messages move sideways faster than `sideways_m_s` is left out: wheels do not go there.
        So is any object that leaps by `leap_m` from where its speed led, and gets faster: no engine or leg is so strong.
     4. Of several senders who tell of one object in different places, those are left out whom a majority contradicts.
 
-    A sender is condemned for sure objects that lastingly are not there or leap, which no other agent can bring about.
-    Disagreement expels nobody, so that liars cannot make a receiver expel honest agents, as TrustFlip (arXiv
-    2605.22122) does.
+    A sender is condemned for sure objects that lastingly are not there or leap. It is also condemned for vehicles that
+    it places off where the receiver detects them, see `SeenTwice`: the track agreement of MATE (Hallyburton and Pajic,
+    2025), by places, as small shifts (PosePert, arXiv 2605.01301) agree by any gate. No other agent can bring these
+    about. Disagreement of senders expels nobody, so that liars cannot make a receiver expel honest agents, as TrustFlip
+    (arXiv 2605.22122) does.
 
     Attributes:
         own_m: largest distance of a claimed object from the receiver's detection of it.
@@ -45,6 +48,7 @@ class Witness(Defense):
         sideways_m_s: speed of a vehicle across its heading that is not possible.
         leap_m: distance from where its speed led, within half a second, that is not possible for what gets faster.
         agree_m: largest distance of one object as two honest senders tell of it.
+        track_m: largest distance of an object from the receiver's own track of it.
     """
 
     needs_lidar: ClassVar[bool] = True
@@ -56,12 +60,14 @@ class Witness(Defense):
     sideways_m_s: float = 1.5
     leap_m: float = 0.8
     agree_m: float = 1.0
+    track_m: float = 0.6
 
     def __post_init__(self) -> None:
         require_count(1, rays=self.rays)
-        names = ("own_m", "lasting", "surest", "sideways_m_s", "leap_m", "agree_m")
+        names = ("own_m", "lasting", "surest", "sideways_m_s", "leap_m", "agree_m", "track_m")
         require_positive(**{name: getattr(self, name) for name in names})
-        self._beliefs, self._lasting, self._paths = SenderBeliefs(), ClaimMemory(), ClaimedPaths()
+        self._beliefs, self._lasting = SenderBeliefs(), ClaimMemory()
+        self._paths, self._seen_twice = ClaimedPaths(), SeenTwice()
         self._tracker = ab3dmot(hits=1, age=_REMEMBERED)
 
     def judge(self, reception: Reception) -> Trust:
@@ -75,7 +81,7 @@ class Witness(Defense):
             slides, leaps = self._paths.add(claim, reception.odom_SE3_base, reception.observation.time_ns)
             impossible = (slides > self.sideways_m_s) | (leaps > self.leap_m)
             self._weigh(claim, free | impossible, reception)
-            known = self._is_near(found.boxes, own) | ((on >= self.rays) & self._is_near(found.boxes, remembered))
+            known = self._is_known(found.boxes, own, remembered, on)
             believed.append(~(free | known | impossible | self._is_outvoted(number, reception)))
         objects = [each.astype(np.float64) for each in believed]
         return Trust({name: self._beliefs.trust(name) for name in reception.senders}, objects)
@@ -87,10 +93,12 @@ class Witness(Defense):
         tracks = self._tracker.state.tracked.boxes[:, :3]
         return odom_SE3_base.inverse().apply(tracks)[:, :2]
 
-    def _is_near(self, boxes: Boxes3D, places: Floats) -> Mask:
-        """Return the mask (N,) of boxes that one of the places (M, 2) is near."""
-        near: Mask = _apart_m(boxes.center[:, :2], places).min(axis=1, initial=np.inf) <= self.own_m
-        return near
+    def _is_known(self, boxes: Boxes3D, own: Floats, remembered: Floats, on: Ints) -> Mask:
+        """Return the mask (N,) of boxes of which the receiver knows better, with so many points `on` (N,) each."""
+        detected = _nearest_m(boxes, own) <= self.own_m
+        off_m = _nearest_m(boxes, remembered)
+        known: Mask = detected | ((on >= self.rays) & (off_m > self.track_m) & (off_m <= self.own_m))
+        return known
 
     def _weigh(self, claim: Claim, wrong: Mask, reception: Reception) -> None:
         """Take in what a new message says of its sender: sure objects that are lastingly wrong."""
@@ -99,26 +107,29 @@ class Witness(Defense):
         now_ns = reception.observation.time_ns
         lasting = self._lasting.add(claim.sender, claim.detections, reception.odom_SE3_base, now_ns, evidence)
         if claim.is_new:
-            self._beliefs.update(claim.sender, LIED if (lasting[:, 1] >= self.lasting).any() else AGREED)
+            ratio = self._seen_twice.ratio(claim, reception.own.boxes, reception.odom_SE3_base)
+            lied = (lasting[:, 1] >= self.lasting).any()
+            self._beliefs.update(claim.sender, max(ratio, LIED) if lied else ratio)
 
     def _is_outvoted(self, number: int, reception: Reception) -> Mask:
         """Return the mask (N,) of a claim's objects that more senders put elsewhere than there."""
         claim = reception.claims[number]
-        place = claim.detections.boxes.center[:, :2]
-        there, elsewhere = np.zeros((2, len(place)))
+        boxes = claim.detections.boxes
+        there, elsewhere = np.zeros((2, len(boxes)))
         for other in reception.claims:
             if other.sender != claim.sender:
-                near = _apart_m(place, other.detections.boxes.center[:, :2]).min(axis=1, initial=np.inf)
+                near = _nearest_m(boxes, other.detections.boxes.center[:, :2])
                 there += near <= self.agree_m
                 elsewhere += (near > self.agree_m) & (near <= self.own_m)
         return elsewhere > there + 1  # the sender itself has a voice
 
 
-_REMEMBERED = 5
-"""Frames without a detection for which the receiver remembers an object: half a second."""
+_REMEMBERED = 20
+"""Frames without a detection for which the receiver remembers an object: two seconds."""
 
 
-def _apart_m(places: Floats, others: Floats) -> Floats:
-    """Return the distances (N, M) between places (N, 2) and others (M, 2)."""
-    apart: Floats = np.linalg.norm(places[:, None] - others[None], axis=2)
-    return apart
+def _nearest_m(boxes: Boxes3D, places: Floats) -> Floats:
+    """Return the distance (N,) from each box to the nearest of places (M, 2); infinite if there is none."""
+    apart = np.linalg.norm(boxes.center[:, None, :2] - places[None], axis=2)
+    nearest: Floats = apart.min(axis=1, initial=np.inf)
+    return nearest

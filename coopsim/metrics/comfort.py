@@ -50,4 +50,4 @@ def _filtered(values: Floats, window_s: float, dt_s: float, slope: int = 0, orde
     window = min(max(round(window_s / dt_s), order + 1), len(values))
     if window <= order:
         return values if slope == 0 else np.zeros(len(values))
-    return np.asarray(savgol_filter(values, window, order, deriv=slope, delta=dt_s))
+    return np.asarray(savgol_filter(values, window, order, deriv=slope, delta=dt_s), np.float64)

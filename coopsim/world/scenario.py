@@ -84,6 +84,7 @@ class Scenario:
         script: vehicles on the roads, and people beside those of the population, who are not drawn; the population's
             numbers of moving vehicles and of connected cars are the script's. None: all are drawn.
         played: traffic that is played; the population's vehicles are its connected cars. None: it is simulated.
+        route_m: bounds of the distance to a goal of steered cars that the place itself has. None: they are asked for.
 
     Warns:
         CrowdedWarning: some do not fit.
@@ -97,6 +98,7 @@ class Scenario:
     place_seed: int | None = None
     script: Script | None = None
     played: Played | None = None
+    route_m: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         require_choice("detail", self.detail, DETAILS)

@@ -58,7 +58,7 @@ class World:
             accelerations ("acceleration" or "planner"), or accelerations and steering angles ("steering").
         traffic: engine of the vehicles, one of `coopsim.world.traffic.traffic.ENGINES`.
         driven: names of the connected cars that `control` is about; None: all.
-        route_m: bounds of the distance along the lanes to the goal of a steered car.
+        route_m: bounds of the distance along the lanes to the goal of a steered car, unless the scenario has its own.
         grip: coefficient of friction of steered cars' tyres.
     """
 
@@ -97,7 +97,7 @@ class World:
             engine=traffic,
             script=script,
             driven=None if driven is None else tuple(map(_number, driven)),
-            route_m=route_m,
+            route_m=scenario.route_m or route_m,
             grip=grip,
             furnishing=_standing(scenario),
         )

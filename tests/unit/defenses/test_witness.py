@@ -112,3 +112,36 @@ def test_a_wrong_parameter_is_refused_in_one_line(spec: str) -> None:
     with pytest.raises(CoopsimError) as refused:
         make_defense(spec)
     assert "\n" not in str(refused.value) and spec.split("(")[1].split("=")[0] in str(refused.value)
+
+
+def test_a_sender_that_misplaces_what_the_receiver_sees_is_condemned_and_one_with_a_wrong_pose_is_not() -> None:
+    rng, own = np.random.default_rng(2), [(12.0, 3.0), (20.0, -3.0), (25.0, 6.0)]
+    expelled = {}
+    for kind in ("noise", "pose", "shift"):
+        defense = Witness()
+        for frame in range(25):
+            by = {"noise": 0.0, "pose": 0.6, "shift": 0.9 if frame >= 10 else 0.0}[kind]
+            off = [(0.0, by)] * 3 if kind == "pose" else [(0.0, -by), (0.0, by), (0.0, 0.0)]
+            said = np.array(own) + off + 0.1 * rng.normal(size=(3, 2))
+            trust = judge(defense, frame, {"cav_1": found([tuple(each) for each in said], CAR)}, found(own, CAR))
+        expelled[kind] = trust.senders["cav_1"] < 0.5
+    assert expelled == {"noise": False, "pose": False, "shift": True}
+
+
+def test_what_the_receiver_remembers_and_has_points_on_is_believed_where_its_own_track_is() -> None:
+    front = [(17.7, y, z) for y in np.linspace(2.2, 3.8, 5) for z in (0.5, 0.9)]
+    for y, expected in ((3.1, True), (3.9, False)):
+        defense = Witness()
+        for frame in range(10):
+            judge(defense, frame, {"cav_1": found([])}, found([(20.0, 3.0)], CAR), front)
+        later = [judge(defense, frame, {"cav_1": found([(20.0, y)], CAR)}, None, front) for frame in range(10, 20)]
+        assert believed(later[-1]) == [expected]
+
+
+def test_a_wrong_heading_makes_no_car_that_drives_slide() -> None:
+    defense = Witness()
+    for frame in range(20):
+        car = found([(10.0 + frame, 5.0)], CAR)  # 10 m/s, with a heading that is off by 0.16 rad
+        boxes = Boxes3D(car.boxes.center, car.boxes.size, np.array([0.16]))
+        trust = judge(defense, frame, {"cav_1": Detections(boxes, car.score, car.label)})
+    assert believed(trust) == [True]

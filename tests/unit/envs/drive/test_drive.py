@@ -19,7 +19,7 @@ from coopsim.envs import DriveEnv, DriveParallel, DriveStep, PlannedDriver, Rout
 from coopsim.envs.drive.observation import observe
 from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError, UnknownNameError
 from coopsim.geometry.se3 import SE3
-from coopsim.interfaces.planner import PlannedCar
+from coopsim.interfaces.planner import Occlusions, PlannedCar
 from coopsim.metrics.evaluator import FrameCounts
 from coopsim.planning.route_follower import RouteFollower
 from coopsim.types.driving import CarState
@@ -74,7 +74,7 @@ def test_a_planner_drives_in_the_place_of_a_learner(planner: str) -> None:
 
 
 def test_a_planner_that_is_aware_of_occlusions_gets_walls_and_lanes_across_from_the_car() -> None:
-    told = []
+    told: list[Occlusions | None] = []
 
     class Aware(RouteFollower):
         occlusion_aware = True
@@ -88,6 +88,7 @@ def test_a_planner_that_is_aware_of_occlusions_gets_walls_and_lanes_across_from_
     PlannedDriver(env.parallel, Aware).act()
     PlannedDriver(env.parallel, "route_follower").act()
     (known,) = told
+    assert known is not None
     world = env.parallel.world
     body = world.agents()["cav_0"].world_SE3_base
     ends = np.concatenate([known.walls[:, :2], known.walls[:, 2:]])
