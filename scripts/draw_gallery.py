@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import shlex
 import subprocess
 import sys
@@ -78,7 +77,7 @@ STEPS: Mapping[str, Step] = {
         ("gallery/crash_avoided.gif",),
         ("coopsim clip occluded_pedestrian --seconds 12 --out docs/gallery/crash_avoided.gif",),
     ),
-    "sweeps": Step(("gallery/sweeps.png",), ("page gallery/sensors.md",)),
+    "sweeps": Step(("gallery/sweeps.png",), ("python scripts/draw_sweeps.py",)),
     "maps": _drawn("maps", "gallery/maps.jpg", data=True),
     "scenarios": _drawn("scenarios", "reference/scenarios/*.png"),
     "situations": _drawn("situations", "reference/situations.png"),
@@ -152,22 +151,12 @@ PROGRAMS = {
 
 
 def run(command: str) -> None:
-    """Run a command in the root of the repository, with this Python; `page PAGE` runs a page's example in its folder.
+    """Run a command in the root of the repository, with this Python.
 
     Raises:
         subprocess.CalledProcessError: it fails.
     """
-    words = shlex.split(command)
-    if words[0] == "page":
-        page = DOCS / words[1]
-        (code,) = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL)
-        subprocess.run([sys.executable, "-c", code], cwd=page.parent, check=True)
-        return
-    programs = {
-        "python": [sys.executable],
-        "coopsim": [sys.executable, "-c", "from coopsim.cli import main; raise SystemExit(main())"],
-    }
-    words = [word for each in words for word in programs.get(each, [each])]
+    words = [word for each in shlex.split(command) for word in PROGRAMS.get(each, [each])]
     subprocess.run(words, cwd=ROOT, check=True)
 
 
