@@ -12,8 +12,8 @@ TIME_S = DT_S * np.arange(FRAMES)
 
 def share(acceleration: object = STILL, speed: object = STILL, heading: object = STILL) -> float:
     """Return the share of uncomfortable frames, per cent."""
-    rows = [np.broadcast_to(np.asarray(each, float), FRAMES) for each in (acceleration, speed, heading)]
-    return 100 * float(uncomfortable(*rows, DT_S).mean())
+    a, v, turned = (np.broadcast_to(np.asarray(each, float), FRAMES) for each in (acceleration, speed, heading))
+    return 100 * float(uncomfortable(a, v, turned, DT_S).mean())
 
 
 @pytest.mark.parametrize(("kept", "broken"), [(2.35, 2.45), (-4.0, -4.1)])
