@@ -4,6 +4,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 DEMO_FLAGS ?=
+PIP_FLAGS ?=
 TEST_PROCESSES ?= 2
 
 # In this order: all others begin with the encoder of the first, vic_integrated with ff_tracking, cooptrack and univ2x
@@ -80,11 +81,13 @@ clean:
 	rm -rf $(VENV) build dist *.egg-info .import_linter_cache .pytest_cache .mypy_cache .ruff_cache
 
 # The stamps depend on what decides the environment's content, so a changed pin installs again.
+# What users need comes with the rest, in one go, where tests are to run.
 $(VENV)/.user: pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[camera]'
+	$(BIN)/python -m pip install --quiet $(PIP_FLAGS) --constraint constraints.txt --editable '.[camera]'
 	touch $@
 
-$(VENV)/.dev: $(VENV)/.user
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[camera,dev]'
-	touch $@
+$(VENV)/.dev: pyproject.toml constraints.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet $(PIP_FLAGS) --constraint constraints.txt --editable '.[camera,dev]'
+	touch $(VENV)/.user $@

@@ -13,7 +13,7 @@ print(env.score().table())
 ```
 
 Names are loaded when first used: importing coopsim is quick, and loads neither torch nor OpenGL. It registers the
-environments with gymnasium, whose `gymnasium.make("coopsim/crossing-v2", ego="cav_0", others="late_fusion")` makes one
+environments with gymnasium, whose `gymnasium.make("coopsim/crossing-v3", ego="cav_0", others="late_fusion")` makes one
 for a single agent that learns.
 """
 

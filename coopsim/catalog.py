@@ -47,7 +47,7 @@ POLICIES: Registry[type[Policy]] = Registry(
 )
 """Policy classes. Installed packages add theirs through the entry-point group `coopsim.policies`."""
 
-VERSION = 2
+VERSION = 3
 """Version of all environments; any change of observations, rewards or dynamics raises it.
 
 | version | change |
@@ -55,6 +55,7 @@ VERSION = 2
 | 0 | first |
 | 1 | the default detector is the one fitted to V2V4Real, and confuses classes; `ground_truth` has all objects |
 | 2 | simulated detections have no order, and false ones heights as real ones; towns are the same on every processor |
+| 3 | the default detector's fit no longer takes found objects for missed ones |
 """
 
 
@@ -74,7 +75,7 @@ class _Environments(Registry["Callable[..., CooperativeEnv]"]):
 
 
 ENVIRONMENTS: Registry[Callable[..., CooperativeEnv]] = _Environments("environment")
-"""Factories of environments, by versioned name (`crossing-v2`). Those of places and situations are made of these."""
+"""Factories of environments, by versioned name (`crossing-v3`). Those of places and situations are made of these."""
 
 REWARDS: Registry[type[Any]] = Registry(
     "reward", home=("coopsim.envs.rewards", "coopsim.envs.message_gain"), group="coopsim.rewards"
@@ -111,7 +112,7 @@ def parallel_env(name: str | Path, /, **options: Any) -> CooperativeEnv:
     """Make the environment called `name`.
 
     Args:
-        name: `crossing` (its newest version), `crossing-v2`, the PettingZoo id `coopsim/crossing-v2`, the path of a
+        name: `crossing` (its newest version), `crossing-v3`, the PettingZoo id `coopsim/crossing-v3`, the path of a
             scenario file (`.yaml`), of a file of places, such as a map (`coopsim.world.drawn_places`), or that of a
             folder of recordings. Names may have options: "interaction(kind=cut_in)".
         **options: options of every environment (`coopsim.envs.options`), of simulated ones
@@ -270,28 +271,28 @@ def _policy_base() -> type[Policy]:
 
 
 VERSIONED_NAMES = (
-    "child_between_cars-v2",
-    "crossing-v2",
-    "crossing_path-v2",
-    "file-v2",
-    "highway-v2",
-    "interaction-v2",
-    "left_turn_across-v2",
-    "merge-v2",
-    "merge_barrier-v2",
-    "occluded_crossing-v2",
-    "occluded_pedestrian-v2",
-    "overtaking-v2",
-    "parking_street-v2",
-    "platoon-v2",
-    "queue_end-v2",
-    "red_light_runner-v2",
-    "replay-v2",
-    "roundabout-v2",
-    "route-v2",
-    "t_junction-v2",
-    "town-v2",
-    "urban_grid-v2",
+    "child_between_cars-v3",
+    "crossing-v3",
+    "crossing_path-v3",
+    "file-v3",
+    "highway-v3",
+    "interaction-v3",
+    "left_turn_across-v3",
+    "merge-v3",
+    "merge_barrier-v3",
+    "occluded_crossing-v3",
+    "occluded_pedestrian-v3",
+    "overtaking-v3",
+    "parking_street-v3",
+    "platoon-v3",
+    "queue_end-v3",
+    "red_light_runner-v3",
+    "replay-v3",
+    "roundabout-v3",
+    "route-v3",
+    "t_junction-v3",
+    "town-v3",
+    "urban_grid-v3",
 )
 """The environments that come with coopsim, as `ENVIRONMENTS` has them, whose look-up would load the simulator."""
 

@@ -6,7 +6,7 @@
 | `progress` | all infos | distance driven so far, per cent of that at the legal speed: the metric `progress` |
 | `crashed` | all infos | the car has touched another body |
 | `hit_by_log` | all infos | what it touched first follows a log, which cannot see the car, and drove into it |
-| `red_lights` | all infos | number of red lights that the car has run so far |
+| `red_lights` | all infos | number of red lights that the car has run so far: its front crossed the line |
 | `route_completion` | all infos of steered cars | share of the way to the goal that is behind the car, in [0, 1] |
 | `arrive_dest` | all infos of steered cars | the car has reached its goal |
 | `out_of_route` | all infos of steered cars | its route is more than 30 m away |

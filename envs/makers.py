@@ -204,7 +204,7 @@ def register_place(name: str, place: PlaceDescription | Callable[[], PlaceDescri
     Installed packages need not call this: the entry-point group `coopsim.places` has names and descriptions, too.
 
     Args:
-        name: name of the scenario; its environment is `coopsim/<name>-v2`.
+        name: name of the scenario; its environment is `coopsim/<name>-v3`.
         place: its description, or a function that returns it when the place is first used.
 
     Raises:

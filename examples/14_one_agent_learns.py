@@ -19,7 +19,7 @@ class Drive(gymnasium.Wrapper):
 
 
 roles = {"ego": "cav_0", "tracker": "late_fusion", "others": "late_fusion", "reward": "mota"}
-env = Drive(gymnasium.make("coopsim/crossing-v2", **roles, control="policy", lidar=None, max_cycles=25))
+env = Drive(gymnasium.make("coopsim/crossing-v3", **roles, control="policy", lidar=None, max_cycles=25))
 
 
 def episode(maneuver, seed):

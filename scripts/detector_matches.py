@@ -75,7 +75,8 @@ class Matches:
     def add(self, episode: int, frame: int, ids: Ints, truth: Boxes3D, returns: Ints, found: Detections) -> None:
         """Add one frame of one car; boxes in its axes."""
         distance = np.linalg.norm(found.boxes.center[:, None, :2] - truth.center[None, :, :2], axis=2)
-        mine, theirs = hungarian(-distance, -GATE_M)
+        # Pairs beyond the gate must not take part: the best sum of all distances would draw near pairs apart.
+        mine, theirs = hungarian(np.where(distance <= GATE_M, -distance, -np.inf), -GATE_M)
         of = np.full(len(ids), -1)
         of[theirs] = mine
         self.frames += 1

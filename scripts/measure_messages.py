@@ -25,6 +25,7 @@ from matplotlib.figure import Figure
 import coopsim
 from coopsim.bench.results.statistics import mean_interval
 from coopsim.geometry.se3 import Floats
+from coopsim.viz.charts import COLUMN_IN, draw_series, policy_styles, to_svg
 
 CONDITIONS: dict[str, dict[str, Any]] = {
     **{f"{size} bytes": {"budget_bytes": size} for size in (110, 150, 240, 400)},
@@ -33,7 +34,7 @@ CONDITIONS: dict[str, dict[str, Any]] = {
 }
 FIELDS = ("policy", "place", "condition", "selection", "seed", "sAMOTA", "bytes_per_s")
 EXAMPLE = Path(__file__).parents[1] / "examples" / "21_learn_what_to_say.py"
-OBJECT_BYTES, TUNING_SEED = 33, 500
+OBJECT_BYTES, TUNING_SEED, HEIGHT_IN = 33, 500, 2.9
 Key = tuple[str, str, str, str, int]
 Rows = dict[Key, tuple[float, float]]
 
@@ -144,17 +145,22 @@ def complete(rows: Rows, policy: str, places: list[str], condition: str, selecti
 
 def draw(rows: Rows, policy: str, places: list[str], selections: list[str], path: Path) -> None:
     """Draw mean sAMOTA over mean bytes a second, a line for each ranking."""
-    figure = Figure(figsize=(6, 3.5), layout="constrained")
-    axes = figure.subplots()
     budgets = [each for each, options in CONDITIONS.items() if set(options) == {"budget_bytes"}]
     found = [complete(rows, policy, places, each, selections) for each in budgets]
     means = np.array([each.mean(axis=0) for each in found if len(each)])
-    for s, selection in enumerate(selections):
-        axes.plot(means[:, s, 1], means[:, s, 0], "o-", label=selection)
+    path.write_text(
+        to_svg(lambda figure: draw_lines(figure, means, selections), COLUMN_IN, HEIGHT_IN), encoding="utf-8"
+    )
+
+
+def draw_lines(figure: Figure, means: Floats, selections: list[str]) -> None:
+    """Draw means (B, S, 2) of sAMOTA and bytes a second: B budgets, S selections."""
+    axes, looks = figure.subplots(), policy_styles(selections)
+    for (name, look), line in zip(looks.items(), np.moveaxis(means, 1, 0), strict=True):
+        draw_series(axes, line[:, 1], line[:, 0], np.full((len(line), 2), np.nan), look)
+        axes.get_lines()[-1].set_label(name)
     axes.set(xlabel="bytes a second of an agent", ylabel="sAMOTA")
-    axes.grid(alpha=0.3)
-    axes.legend(title="selection")
-    figure.savefig(path, metadata={"Date": None})
+    axes.legend(loc="lower right")
 
 
 if __name__ == "__main__":

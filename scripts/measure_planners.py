@@ -26,14 +26,13 @@ from tqdm import tqdm
 import coopsim
 from coopsim.bench.results.statistics import rate_interval
 from coopsim.cli.argument_types import names, seeds
-from coopsim.envs.drive.outcome import Judge
 from coopsim.envs.parallel import CooperativeEnv
 from coopsim.interfaces.planner import PlannedCar
 from coopsim.planning.idm_aeb import IdmAeb
 from coopsim.planning.pursuit import steering_angle
 from coopsim.types import NS_PER_S
 from coopsim.wire.actions import act_of
-from coopsim.world.snapshot import RoadUsers
+from coopsim.world.drivable_area import DrivableArea
 
 EGO, SECONDS_PER_M, DELAY_S, DT_S = "cav_0", 0.8, 5.0, 0.1
 OPTIONS = {"route_m": [200, 300], "vehicles": 20, "pedestrians": 12, "connected_cars": 3, "rsus": 1}
@@ -55,8 +54,7 @@ class Watch:
     """Judge of the drive of one car."""
 
     def __init__(self, env: CooperativeEnv) -> None:
-        self._env, self._judge, self._steps = env, Judge(env.road_map), 0
-        self._car = env.cars[EGO]
+        self._env, self._area, self._steps = env, DrivableArea(env.road_map), 0
         self.row = Row(wrong_way_s=0.0, aside_m=0.0, hard=0, route_m=env.cars[EGO].route.length_m)
 
     def look(self) -> None:
@@ -64,24 +62,18 @@ class Watch:
         frame, car, row = self._env.episode.frame, self._env.cars[EGO], self.row
         self._steps += 1
         late = self._steps * DT_S >= row["route_m"] * SECONDS_PER_M + DELAY_S
-        me = frame.agents[EGO].body.actor_id
-        assert me is not None
-        actors = frame.actors
-        body = actors.boxes.center[:, :2], actors.boxes.yaw, actors.velocity, actors.boxes.size
-        users = RoadUsers(*body, actors.label, actors.model)
-        at = int(np.flatnonzero(actors.id == me)[0])
-        outcome = self._judge.outcome(self._car, car, at, users, "", timed_out=late)
-        self._car = car
+        off_road = self._area.is_off_road(frame.agents[EGO].body.world_SE3_base.translation[:2])
+        arrives = car.route.arrived and not car.crashed
         row["wrong_way_s"] = round(row["wrong_way_s"] + DT_S * car.wrong_way, 1)
         row["aside_m"] = round(max(row["aside_m"], math.hypot(*car.route.points[0])), 2)
         row["hard"] += car.acceleration_m_s2 < -3.0
         row |= {"red_lights": car.red_lights, "time_s": round(frame.time_ns / NS_PER_S, 1)}
-        row |= {key: value for key, value in outcome.infos.items() if key in ENDS or key.startswith("crash_")}
+        row |= dict(zip(ENDS, (arrives, car.crashed, off_road, car.route.strayed, late), strict=True))
         row |= {
-            "route_completion": round(outcome.infos["route_completion"], 3),
-            "over": bool(outcome.terminated or late),
+            "route_completion": 1.0 if arrives else round(car.route.completion, 3),
+            "over": any(row[end] for end in ENDS),
         }
-        if row["over"] and not outcome.arrives:
+        if row["over"] and not arrives:
             row["nearest"] = self._nearest()
 
     def _nearest(self) -> Row:

@@ -13,9 +13,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from coopsim.data.recording_set import Recording, RecordingSet
+from coopsim.geometry.assignment import hungarian
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Detections
 
@@ -55,8 +55,9 @@ def centres_by_object(detections: Detections, truth: Floats) -> dict[int, Floats
     """Return the centre (2,) of the box of each object that has one."""
     centres = detections.boxes.center[detections.score > LEAST_SCORE, :2]
     apart = np.linalg.norm(centres[:, None] - truth, axis=2)
-    rows, columns = linear_sum_assignment(apart)
-    return {int(k): centres[i] for i, k in zip(rows, columns, strict=True) if apart[i, k] < WITHIN_M}
+    # Pairs beyond the limit must not take part: the best sum of all distances would draw near pairs apart.
+    pairs = hungarian(np.where(apart < WITHIN_M, -apart, -np.inf), -WITHIN_M)
+    return {int(k): centres[i] for i, k in zip(*pairs, strict=True)}
 
 
 def residuals(pairs: list[tuple[Floats, Floats]]) -> tuple[float, float]:

@@ -1,6 +1,6 @@
-"""Compare the fitted detector and the old default with the real one: docs/results/detector.svg and a table.
+"""Compare the fitted detector and the old default with the real one: a figure and a table.
 
-    python scripts/plot_detector.py DATA [--out docs/results/detector.svg] [--seeds 8]
+    python scripts/plot_detector.py DATA [--out detector.svg] [--seeds 8]
 
 DATA has v2v4real/train. The simulation is highway and urban_grid with two connected cars and no people, without LiDARs
 (expected returns). The table has Kolmogorov-Smirnov distances, from 0 (alike) to 1, between real and simulated
@@ -40,7 +40,7 @@ def main() -> None:
     """Read the arguments, run, draw, print."""
     parser = argparse.ArgumentParser(description="Draw real and simulated detections.")
     parser.add_argument("data", type=Path, help="folder with v2v4real/train")
-    parser.add_argument("--out", type=Path, default=Path("docs/results/detector.svg"))
+    parser.add_argument("--out", type=Path, default=Path("detector.svg"))
     parser.add_argument("--seeds", type=int, default=8)
     args = parser.parse_args()
     seeds = range(args.seeds)
@@ -149,9 +149,10 @@ def _false_by_range(axes: Axes, every: dict[str, Matches]) -> None:
 
 def _over_time(axes: Axes, every: dict[str, Matches], name: str) -> None:
     for kind, matches in every.items():
-        axes.plot(LAGS / 10, _correlations(seen(matches), name), color=COLORS[kind], marker=".")
+        axes.plot(LAGS / 10, _correlations(seen(matches), name), color=COLOR_OF[kind], marker=".")
     what = {"found": "being found", "score": "score"}.get(name, f"error {name}")
     axes.set(title=f"autocorrelation: {what}", xlabel="s", xscale="log", ylim=(-0.1, 1))
+    axes.xaxis.set_major_formatter("{x:g}")
 
 
 def _outline(axes: Axes, value: Floats, edges: Floats, name: str) -> None:

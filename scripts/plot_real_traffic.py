@@ -3,12 +3,14 @@
     python scripts/plot_real_traffic.py RUNS docs/results/real_traffic
 
 RUNS is what `measure_real_traffic.py` wrote. Prints tables in Markdown; writes all curves as .csv and a figure as .svg.
+If RUNS is such a .csv, the figure alone is drawn again.
 Cars are connected whose number, one a car and draw, is below the share: those of a share are among those of a larger.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -157,8 +159,24 @@ def write_curves(found: list[Part], path: Path) -> None:
     path.write_text("\n".join(rows) + "\n")
 
 
+def read_curves(path: Path) -> list[Part]:
+    """Read the curves of a table that `write_curves` wrote."""
+    found: dict[tuple[str, str], dict[str, list[list[float]]]] = {}
+    with path.open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            curves = found.setdefault((row["log"], row["encounters"]), {})
+            curves.setdefault(row["variant"], []).append(
+                [float(row[name]) for name in ("known_percent", "low", "high")]
+            )
+    return [
+        Part(log, kind.removesuffix("s"), 0, "", {name: Curve(*np.array(rows).T) for name, rows in curves.items()})
+        for (log, kind), curves in found.items()
+    ]
+
+
 def draw_curves(found: list[Part], path: Path) -> None:
     """Draw the curves of each log and kind in a panel of its own."""
+    least = min(float(line.low.min()) for part in found for line in part.curves.values())
 
     def draw(figure: Figure) -> None:
         panels = figure.subplots(2, -(-len(found) // 2), sharey=True, sharex=True, squeeze=False).ravel()
@@ -167,8 +185,10 @@ def draw_curves(found: list[Part], path: Path) -> None:
                 percent, color = 100 * np.array(SHARES), COLOR_OF[variant]
                 axes.fill_between(percent, line.low, line.high, color=color, alpha=0.12, linewidth=0)
                 axes.plot(percent, line.mean, color=color, label=variant)
-            axes.set(title=f"{part.log}: {part.encounters} {part.kind}s", xlabel="connected cars, %")
-            axes.set(xlim=(0, 100), ylim=(0, 101))
+            axes.set(title=f"{part.log}: {part.kind}s", xlim=(0, 100), ylim=(least - 3, 101))
+        for axes in panels[: len(found)][-(len(panels) // 2) :]:
+            axes.set_xlabel("connected cars, %")
+            axes.tick_params(labelbottom=True)
         panels[0].set_ylabel("known 3 s before, %")
         panels[0].legend(loc="lower right")
         for axes in panels[len(found) :]:
@@ -183,9 +203,12 @@ def main() -> None:
     parser.add_argument("runs", type=Path)
     parser.add_argument("out", type=Path, help="path of the .csv and the .svg, without its end")
     given = parser.parse_args()
-    found = list(parts(given.runs))
-    print(table(found))
-    write_curves(found, given.out.with_suffix(".csv"))
+    if given.runs.suffix == ".csv":
+        found = read_curves(given.runs)
+    else:
+        found = list(parts(given.runs))
+        print(table(found))
+        write_curves(found, given.out.with_suffix(".csv"))
     draw_curves(found, given.out.with_suffix(".svg"))
 
 

@@ -55,7 +55,7 @@ class Found:
                 for car, agent in enumerate(AGENTS):
                     boxes = recording.detections[agent][k]
                     away = np.linalg.norm(truth.center[:, None, :2] - boxes.boxes.center[:, :2], axis=2)
-                    hits, ours = hungarian(-away, -FOUND_M)
+                    hits, ours = hungarian(np.where(away <= FOUND_M, -away, -np.inf), -FOUND_M)
                     found[hits, car] = True
                     wrong = np.delete(boxes.boxes.center[:, :2], ours, axis=0)
                     false[car].append(np.column_stack([np.full(len(wrong), number), np.hypot(*wrong.T)]))

@@ -10,7 +10,8 @@ from typing import Any
 import coopsim
 from coopsim.bench.engine.result_of import result_of
 from coopsim.bench.evaluate import Evaluation, evaluate
-from coopsim.bench.films.film import Film, Filming, Rows
+from coopsim.bench.films.film import Film, Rows
+from coopsim.bench.films.filming import Filming
 from coopsim.bench.films.space import CLOUD_POINTS
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.grid.policies import arithmetic_of
@@ -67,6 +68,12 @@ class DemoRun:
     def tracks(self) -> list[Mapping[str, Rows]]:
         """The tracks of each frame, by reporting agent."""
         return [frame.tracks for frame in self.film.frames]
+
+    @property
+    def news(self) -> list[Mapping[str, Mapping[int, float]]]:
+        """What messages have just told each agent of, in each frame."""
+        film = self.film
+        return [{name: film.news(name, k) for name in frame.told} for k, frame in enumerate(film.frames)]
 
     def result(self, config: DemoConfig) -> CellResult:
         """Return the run as a cell of a benchmark."""
@@ -139,7 +146,7 @@ class Demo:
     def _scene(self) -> Scene:
         film, watch = self.runs[0].film, self.runs[0].watch
         runs = [
-            SceneRun(f"{run.policy}, {run.about['latency']}", run.policy, run.evaluation.rewards, run.tracks)
+            SceneRun(f"{run.policy}, {run.about['latency']}", run.policy, run.evaluation.rewards, run.tracks, run.news)
             for run in self.runs
         ]
         cameras = {

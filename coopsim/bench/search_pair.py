@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from coopsim.bench.benchmark import check
 from coopsim.bench.engine.job import Job, run_job
 from coopsim.bench.films.crash_pairs import CRASH
-from coopsim.bench.films.film import Filming
+from coopsim.bench.films.filming import Filming
 from coopsim.bench.films.recording import Recording
 from coopsim.bench.grid.cell import Cell
 from coopsim.bench.grid.grid import Grid

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from coopsim.geometry.se3 import Floats, wrap_angle
+from coopsim.metrics.comfort import uncomfortable
 from coopsim.metrics.drive_log import Drive
 from coopsim.metrics.drive_rules import Rules, find_rules
 from coopsim.metrics.encounters import clearances, is_on, least_delay, least_time
@@ -56,8 +57,8 @@ STANDS_M_S = 0.1
 TOUCHES_M = 1.0
 """Largest gap to the body that was hit in the first frame with a crash: crashed bodies are pushed apart."""
 
-LON_M_S2, LAT_M_S2 = (-4.05, 2.40), 4.89
-"""Bounds of comfortable acceleration along and across the road: nuPlan's (`ego_is_comfortable`)."""
+BEHIND_RAD = math.radians(150.0)
+"""Angle from the car's heading beyond which an object is behind it; nuPlan's `is_agent_behind`."""
 
 PERSON, RIDER, VEHICLE = "person", "rider", "vehicle"
 _RIDERS = (ObjectClass.MOTORCYCLE, ObjectClass.BICYCLE, ObjectClass.SCOOTER)
@@ -134,7 +135,8 @@ class DriveEvents:
         way_m: distance driven.
         legal_m: distance at the legal speed in the same time.
         lost_s: time lost by driving below the legal speed.
-        discomfort: share of frames with an acceleration that is not comfortable.
+        discomfort: share of frames that are not comfortable, see `comfort.py`.
+        ttc_ahead_s: least time to collision, of a car that moves and with what is not behind it; at most `LONGEST_S`.
         rules: rules of the road that it kept and broke.
     """
 
@@ -148,6 +150,7 @@ class DriveEvents:
     legal_m: float
     lost_s: float
     discomfort: float
+    ttc_ahead_s: float
     rules: Rules
 
 
@@ -165,6 +168,7 @@ def find_events(drive: Drive) -> DriveEvents:
         tuple(drive.time_s[needless].tolist()),
         *course.progress(),
         course.discomfort(),
+        course.min_ttc_s(ahead=True),
         find_rules(drive, course.end),
     )
 
@@ -227,13 +231,19 @@ class _Course:
         by_log = drive.hit_by_log and not at_fault
         return Crash(float(drive.time_s[frame]), label, identity, speed, bool(moved), bool(at_fault), by_log)
 
-    def min_ttc_s(self) -> float:
-        """Return the least time to collision."""
+    def min_ttc_s(self, *, ahead: bool = False) -> float:
+        """Return the least time to collision; `ahead`: while the car moves, and with what is not behind it."""
         if not self.end or not len(self.drive.ids):
             return LONGEST_S
-        ahead = np.stack([self.ahead(frame, self._steps(LONGEST_S)) for frame in range(self.end)])
-        speed = np.hypot(self.drive.velocity[: self.end, :, 0], self.drive.velocity[: self.end, :, 1])
-        return float(least_time(ahead, self.boxes, speed, self.dt_s, LONGEST_S))
+        drive, end = self.drive, self.end
+        paths = np.stack([self.ahead(frame, self._steps(LONGEST_S)) for frame in range(end)])
+        speed = np.hypot(drive.velocity[:end, :, 0], drive.velocity[:end, :, 1])
+        if ahead:
+            apart = drive.boxes[:end, :, :2] - drive.car[:end, None, :2]
+            turned = wrap_angle(np.arctan2(apart[..., 1], apart[..., 0]) - drive.car[:end, None, 4])
+            stands = drive.speed_m_s[:end, None] < STANDS_M_S
+            speed = np.where(stands | (np.abs(turned) > BEHIND_RAD), np.nan, speed)
+        return float(least_time(paths, self.boxes, speed, self.dt_s, LONGEST_S))
 
     def pet_s(self) -> float:
         """Return the least post-encroachment time, within a step: it begins and ends between frames."""
@@ -320,13 +330,12 @@ class _Course:
         return float(moved.sum()), float(legal @ step_s), float(lost @ step_s)
 
     def discomfort(self) -> float:
-        """Return the share of frames with an uncomfortable acceleration; NaN without frames."""
+        """Return the share of uncomfortable frames; NaN without frames."""
         if not self.end:
             return math.nan
-        along, across = self.drive.acceleration_m_s2[: self.end], np.zeros(self.end)
-        turned = wrap_angle(np.diff(self.drive.car[: self.end, 4]))
-        across[1:] = np.abs(self.drive.speed_m_s[1 : self.end] * turned) / self.dt_s
-        return float(((along < LON_M_S2[0]) | (along > LON_M_S2[1]) | (across > LAT_M_S2)).mean())
+        part, drive = slice(self.end), self.drive
+        beyond = uncomfortable(drive.acceleration_m_s2[part], drive.speed_m_s[part], drive.car[part, 4], self.dt_s)
+        return float(beyond.mean())
 
 
 def touches_front(car: Floats, other: Floats) -> bool:

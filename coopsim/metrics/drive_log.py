@@ -172,7 +172,7 @@ class Drive:
         tracks: reported tracks of each frame.
         ways: way ahead in each frame.
         hit_by_log: see `CarState`.
-        rules: (F, 7) what each frame says of the rules of the road, see `RuleState`; empty: unknown.
+        rules: (F, 6) what each frame says of the rules of the road, see `RuleState`; empty: unknown.
     """
 
     time_s: Floats

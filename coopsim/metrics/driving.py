@@ -16,20 +16,22 @@ from coopsim.metrics.metric import Metric, PoolMetric, mean_of_known
 
 PENALTIES: Mapping[str, float] = {PERSON: 0.5, RIDER: 0.6, VEHICLE: 0.6, "": 0.65}
 """Factors of the driving score by who was hit, "" is a wall: those of the CARLA leaderboard (1.0 and 2.0), which
-Bench2Drive, V2Xverse and MDrive take over. CARLA counts riders as vehicles."""
+Bench2Drive, V2Xverse and MDrive take over (`statistics_manager.py` of each). CARLA counts riders as vehicles."""
 
 RED_LIGHT = 0.7
 """Factor of the driving score for each red light that is run; the same source."""
 
 TTC_S = 0.95
-"""Time to collision from which on there is no danger: nuPlan's `time_to_collision_within_bound`."""
+"""Time to collision from which on there is no danger: nuPlan's `time_to_collision_within_bound`. NAVSIM looks 0.9 s
+ahead."""
 
 AGAINST_M = (2.0, 6.0)
-"""Metres against the traffic in a second up to which driving direction is kept, and from which on it is broken: those
+"""Metres against the traffic in a second below which driving direction is kept, and from which on it is broken: those
 of nuPlan's `driving_direction_compliance`."""
 
-WEIGHTS = (5.0, 5.0, 2.0)
-"""Weights of progress, time to collision and comfort in EPDMS, as in NAVSIM's scores of both versions."""
+WEIGHTS = (5.0, 5.0, 2.0, 2.0)
+"""Weights of progress, time to collision, lane keeping and comfort in EPDMS: NAVSIM's `PDMScorerConfig` (v2), which has
+2 more for the difference of two successive plans."""
 
 
 _RECORDER = "drives"
@@ -84,10 +86,10 @@ def _completion(events: DriveEvents) -> float:
 
 
 def _driving_score(events: DriveEvents) -> float:
-    """Return the completion on the road, times penalties of a crash and of red lights; a car that stood has none."""
+    """Return the completion on its own lanes, times penalties of a crash, unless the car stood, and of red lights."""
     crash, rules = events.crash, events.rules
     hit = PENALTIES[crash.party] if crash is not None and crash.moved else 1.0
-    return _completion(events) * (1 - rules.off_road) * hit * RED_LIGHT**rules.red_lights
+    return _completion(events) * (1 - rules.off_lanes) * hit * RED_LIGHT**rules.red_lights
 
 
 def _success(events: DriveEvents) -> float:
@@ -95,7 +97,7 @@ def _success(events: DriveEvents) -> float:
     rules = events.rules
     if math.isnan(rules.completion):
         return math.nan
-    return 100.0 * (rules.arrived and events.crash is None and not rules.red_lights and rules.off_road == 0)
+    return 100.0 * (rules.arrived and events.crash is None and not rules.red_lights and rules.off_lanes == 0)
 
 
 def _no_fault(events: DriveEvents) -> float:
@@ -106,11 +108,15 @@ def _no_fault(events: DriveEvents) -> float:
 
 def _direction(events: DriveEvents) -> float:
     most, broken = AGAINST_M
-    return 100.0 if events.rules.against_m <= most else 50.0 * (events.rules.against_m <= broken)
+    return 100.0 if events.rules.against_m < most else 50.0 * (events.rules.against_m < broken)
 
 
 def _in_time(events: DriveEvents) -> float:
-    return 100.0 * (events.min_ttc_s >= TTC_S)
+    return 100.0 * (events.ttc_ahead_s >= TTC_S)
+
+
+def _lane_kept(events: DriveEvents) -> float:
+    return 100 * (1 - events.rules.beside)
 
 
 def _comfort(events: DriveEvents) -> float:
@@ -120,7 +126,7 @@ def _comfort(events: DriveEvents) -> float:
 def _epdms(events: DriveEvents) -> float:
     """Return the product of what multiplies and the weighted mean of the rest, per cent."""
     factors = (_no_fault(events), _direction(events), *(100.0 * kept for kept in _kept(events)))
-    parts = (_completion(events), _in_time(events), _comfort(events))
+    parts = (_completion(events), _in_time(events), _lane_kept(events), _comfort(events))
     mean = sum(weight * part for weight, part in zip(WEIGHTS, parts, strict=True)) / sum(WEIGHTS)
     return math.prod(each / 100 for each in factors) * mean
 
@@ -163,7 +169,7 @@ DRIVING: Mapping[str, Metric] = {
     "progress": _metric(_progress, "distance driven, of that at the legal speed", less=False),
     "time_lost": _seconds(lambda events: events.lost_s, "time lost by driving below the legal speed", less=True),
     "discomfort": _metric(
-        lambda events: 100 * events.discomfort, "share of time with accelerations outside of nuPlan's bounds of comfort"
+        lambda events: 100 * events.discomfort, "share of time outside of nuPlan's bounds of comfort"
     ),
     "driving_score": _metric(
         _driving_score, "way to the goal, or progress, times CARLA's penalties for crashes and red lights", less=False
@@ -172,7 +178,10 @@ DRIVING: Mapping[str, Metric] = {
         lambda events: 100 * events.rules.completion, "share of the way to the goal that was driven", less=False
     ),
     "success": _metric(
-        _success, "drives that reach their goal without crash, red light and leaving the road", less=False, yes_no=True
+        _success,
+        "drives that reach their goal without crash, red light, and leaving the lanes of their direction",
+        less=False,
+        yes_no=True,
     ),
     "red_lights": _metric(lambda events: events.rules.red_lights, "red lights that the driven car ran", "", ".2f"),
     "no_fault": _metric(_no_fault, "EPDMS: no crash by its own fault; 50 for one with a wall", less=False),
@@ -180,13 +189,14 @@ DRIVING: Mapping[str, Metric] = {
     "right_direction": _metric(_direction, "EPDMS: driving direction is kept", less=False),
     "lights_obeyed": _rate(lambda events: _kept(events)[1], "EPDMS: drives without a red light run", less=False),
     "ttc_in_bound": _rate(
-        lambda events: events.min_ttc_s >= TTC_S,
-        f"EPDMS: drives whose time to collision stays above {TTC_S:g} s",
+        lambda events: events.ttc_ahead_s >= TTC_S,
+        f"EPDMS: drives whose time to collision with what is not behind stays above {TTC_S:g} s",
         False,
     ),
-    "comfort": _metric(_comfort, "EPDMS: share of time with comfortable accelerations", less=False),
+    "lane_kept": _metric(_lane_kept, "EPDMS: share of time in the lane's middle", less=False),
+    "comfort": _metric(_comfort, "EPDMS: share of time within nuPlan's bounds of comfort", less=False),
     "epdms": _metric(
-        _epdms, "product of EPDMS's multipliers with the mean of its progress, time and comfort", less=False
+        _epdms, "product of EPDMS's multipliers with the mean of its progress, time, lane and comfort", less=False
     ),
 }
 """The metrics of driving by name, in the order of tables."""

@@ -73,7 +73,7 @@ def least_time(ahead: Floats, boxes: Floats, speed: Floats, dt_s: float, limit_s
     Args:
         ahead: (F, H, 5) bodies of the car after 0, 1, ..., H - 1 steps along its way.
         boxes: (S, A, 5) bodies of objects in the same frames, and perhaps in later ones.
-        speed: (F, A) m/s of the objects.
+        speed: (F, A) m/s of the objects; NaN leaves one out of a frame.
         dt_s: time of a step.
         limit_s: longest time.
     """

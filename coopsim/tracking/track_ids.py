@@ -39,7 +39,7 @@ class LastingIds:
         kept = [reported for reported, _ in self._ids.values()]
         lost = self._reported[~np.isin(self._reported.id, kept)]
         near = center_distance_bev(lost.boxes.array, new.boxes.array)
-        alike = np.where(np.equal.outer(lost.label, new.label), near, -np.inf)
+        alike = np.where(np.equal.outer(lost.label, new.label) & (near >= -_SAME_M), near, -np.inf)
         for row, column in zip(*hungarian(alike, -_SAME_M), strict=True):
             self._ids[int(new.id[column])] = int(lost.id[row]), time_ns
 

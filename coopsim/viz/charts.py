@@ -146,8 +146,9 @@ def label_ends(panel: Any, ends: Sequence[tuple[str, Look, float, float]], heigh
     `height_in` is about the height of the panel, whose limits must be set.
     """
     known = [each for each in ends if math.isfinite(each[3])]
-    low, high = panel.get_ylim()
-    shares = np.array([(each[3] - low) / (high - low) for each in known])
+    panel.get_ylim()  # settles limits that matplotlib has yet to choose
+    to_share = panel.transScale + panel.transLimits  # of the height, on logarithmic scales, too
+    shares = np.array([to_share.transform((x, y))[1] for _, _, x, y in known])
     gap = _GAP_PT * max((len(_lines(each[0])) for each in known), default=1) / 72 / height_in
     for (name, look, x, y), share, place in zip(known, shares, spread(shares, gap), strict=True):
         arrow = {"arrowstyle": "-", "color": look.color, "lw": 0.6, "shrinkA": 0, "shrinkB": 3}

@@ -46,8 +46,11 @@ class FromAbove:
         self._ground = Image.new("RGB", (fine * size_px[0], fine * size_px[1]), palette.BACKGROUND)
         self._picture, self._draw = self._ground, ImageDraw.Draw(self._ground)
         for name, color in palette.MAP.items():
-            for polygon in getattr(road_map, name):
-                self._draw.polygon(self.pixels(polygon), color, palette.KERB if name == "pavements" else None)
+            outlines = [self.pixels(polygon) for polygon in getattr(road_map, name)]
+            for outline in outlines if name == "pavements" else ():  # under all of them, so that no joint has a kerb
+                self._draw.line([*outline, outline[0]], palette.KERB, 3 * fine, joint="curve")
+            for outline in outlines:
+                self._draw.polygon(outline, color)
 
     def begin(self) -> None:
         """Begin a frame on the bare ground."""
@@ -105,9 +108,9 @@ class FromAbove:
         for one, other in ((0, 2), (1, 3)):
             self.line(corners[[one, other]], palette.FALSE_TRACK)
 
-    def ring(self, place: Floats, color: palette.RGB, radius_px: float) -> None:
+    def ring(self, place: Floats, color: palette.RGB, radius_px: float, width: int = 1) -> None:
         """Draw a ring about a place (2,)."""
-        self._round(place, radius_px, outline=color, width=self._fine)
+        self._round(place, radius_px, outline=color, width=width * self._fine)
 
     def dot(self, place: Floats, color: palette.RGB, radius_px: float) -> None:
         """Draw a dot."""

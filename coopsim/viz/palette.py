@@ -29,6 +29,7 @@ MAP: dict[str, RGB] = {
     "crosswalks": (70, 75, 84),
     "walls": (72, 66, 60),
     "buildings": (58, 52, 48),
+    "trees": (38, 56, 44),
 }
 """Colours of a road map's polygons by field, in the order of painting."""
 

@@ -19,6 +19,7 @@ from coopsim.world.places.crossings import (
     make_roundabout,
     make_t_junction,
 )
+from coopsim.world.places.crowns import crowns_of
 from coopsim.world.places.description import PlaceDescription
 from coopsim.world.places.highway import make_highway, make_platoon
 from coopsim.world.places.layout import Layout
@@ -28,7 +29,7 @@ from coopsim.world.places.place import Place as Place
 from coopsim.world.places.urban_grid import make_urban_grid
 from coopsim.world.population import Population, require_one_of_each
 from coopsim.world.script import Script
-from coopsim.world.snapshot import StaticPart, WorldSource
+from coopsim.world.snapshot import RoadMap, StaticPart, WorldSource
 
 DETAILS = ("plain", "full", "street")
 """How much there is to see: roads, buildings and a few shapes of actors; also furniture, plants, varied actors; also
@@ -83,6 +84,7 @@ class Scenario:
         script: vehicles on the roads, and people beside those of the population, who are not drawn; the population's
             numbers of moving vehicles and of connected cars are the script's. None: all are drawn.
         played: traffic that is played; the population's vehicles are its connected cars. None: it is simulated.
+        route_m: bounds of the distance to a goal of steered cars that the place itself has. None: they are asked for.
 
     Warns:
         CrowdedWarning: some do not fit.
@@ -96,6 +98,7 @@ class Scenario:
     place_seed: int | None = None
     script: Script | None = None
     played: Played | None = None
+    route_m: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         require_choice("detail", self.detail, DETAILS)
@@ -114,6 +117,11 @@ class Scenario:
     def static(self) -> tuple[StaticPart, ...]:
         """The meshes that stand there, furnishing in full detail only."""
         return self.layout.static + (self.layout.furnishing if self.detail != "plain" else ())
+
+    @property
+    def road_map(self) -> RoadMap:
+        """The outlines of the place, with the crowns of the trees that stand there."""
+        return replace(self.layout.road_map, trees=crowns_of(self.static))
 
     @property
     def models(self) -> tuple[Model, ...]:

@@ -176,6 +176,7 @@ class RoadMap:
         yards: polygons of other paved ground.
         grass: polygons of lawns and verges.
         walls: footprints.
+        trees: outlines of crowns.
         stop_lines: lines before traffic lights.
         lights: states of the lights now, a letter of `coopsim.world.places.signals.LETTERS` for each stop line.
         traffic_side: side of the road that vehicles keep to, "right" or "left".
@@ -190,6 +191,7 @@ class RoadMap:
     yards: tuple[Floats, ...] = ()
     grass: tuple[Floats, ...] = ()
     walls: tuple[Floats, ...] = ()
+    trees: tuple[Floats, ...] = ()
     stop_lines: tuple[Floats, ...] = ()
     lights: str = ""
     traffic_side: str = "right"

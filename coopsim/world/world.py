@@ -58,7 +58,7 @@ class World:
             accelerations ("acceleration" or "planner"), or accelerations and steering angles ("steering").
         traffic: engine of the vehicles, one of `coopsim.world.traffic.traffic.ENGINES`.
         driven: names of the connected cars that `control` is about; None: all.
-        route_m: bounds of the distance along the lanes to the goal of a steered car.
+        route_m: bounds of the distance along the lanes to the goal of a steered car, unless the scenario has its own.
         grip: coefficient of friction of steered cars' tyres.
     """
 
@@ -82,7 +82,7 @@ class World:
         self._labels = np.array([model.label for model in self.models])
         self._cycles_m = np.array([model.cycle_m for model in self.models])
         self.static: tuple[StaticPart, ...] = scenario.static
-        self.map: RoadMap = layout.road_map
+        self.map: RoadMap = scenario.road_map
         self._driven = control != "traffic"
         script = scenario.script
         count = population.connected if script is None else 1 + sum(role.connected for role in script.vehicles)
@@ -97,7 +97,7 @@ class World:
             engine=traffic,
             script=script,
             driven=None if driven is None else tuple(map(_number, driven)),
-            route_m=route_m,
+            route_m=scenario.route_m or route_m,
             grip=grip,
             furnishing=_standing(scenario),
         )

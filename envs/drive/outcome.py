@@ -12,7 +12,7 @@
 | `max_step` | MetaDrive | its time is over |
 | `route_completion` | MetaDrive | share of the route that is behind it, in [0, 1] |
 | `speed` | highway-env | m/s |
-| `red_light` | ours | its middle has crossed a line at red in this step; ends nothing |
+| `red_light` | ours | its front has crossed a line at red in this step; ends nothing |
 | `wrong_way` | ours | it is on lanes that all lead the other way; ends nothing |
 | `is_success` | Stable-Baselines3 | at the end: whether it has arrived |
 """
@@ -27,7 +27,7 @@ import numpy as np
 
 from coopsim.geometry.se3 import Floats
 from coopsim.geometry.taken_ground import TakenGround
-from coopsim.types.driving import NO_LIGHT, RED, CarState
+from coopsim.types.driving import CarState
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.drivable_area import DrivableArea
 from coopsim.world.snapshot import RoadMap, RoadUsers
@@ -88,19 +88,13 @@ class Judge:
             "max_step": timed_out,
             "route_completion": 1.0 if arrives else car.route.completion,
             "speed": car.speed_m_s,
-            "red_light": runs_red_light(was, car),
+            "red_light": car.red_lights > was.red_lights,
             "wrong_way": car.wrong_way,
         }
         terminated = bool(car.crashed or left or strays or arrives)
         if terminated or timed_out:
             infos["is_success"] = arrives
         return Outcome(infos, terminated, arrives, bool(left or strays))
-
-
-def runs_red_light(before: CarState, after: CarState) -> bool:
-    """Return whether a car has come onto a way over a junction whose light is red, from before its line."""
-    seen = len(before.route.lights) and len(after.route.lights)
-    return bool(seen and before.route.lights[0] == NO_LIGHT and after.route.lights[0] == RED)
 
 
 def _corners_of(users: RoadUsers, row: int) -> Floats:

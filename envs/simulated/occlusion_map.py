@@ -36,9 +36,9 @@ class OcclusionMap:
             places = [message.pose.xyz_yaw[:2] for message in observation.inbox]
             self._eyes[name] = np.array(places).reshape(-1, 2)
 
-    def of(self, name: str, observation: Observation) -> Occlusions:
-        """Return what is around a car, placed in its map by its own estimate of where it is."""
-        x, y, _, yaw = observation.pose.xyz_yaw.tolist()
+    def of(self, name: str, xyz_yaw: Floats) -> Occlusions:
+        """Return what is around a car, placed in its map by where it takes itself to be, (4,) m and rad."""
+        x, y, _, yaw = xyz_yaw.tolist()
         turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
         walls = (self._walls.reshape(-1, 2, 2) - [x, y]) @ turn
         near = np.abs(walls).max(axis=2).min(axis=1) < NEAR_M

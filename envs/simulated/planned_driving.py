@@ -76,7 +76,7 @@ class PlannedDriving:
             state.steering_rad,
             state.wheelbase_m,
             self._intents[name].now(agent.observation),
-            None if hiding is None else hiding.of(name, agent.observation),
+            None if hiding is None else hiding.of(name, agent.observation.pose.xyz_yaw),
         )
         planner, began = self._planners[name], time.monotonic()
         try:

@@ -268,7 +268,7 @@ def test_bad_options(option: dict[str, Any], error: type[Exception], match: str)
     with pytest.raises(error, match=match):
         coopsim.parallel_env("crossing", **option)
     with pytest.raises(error, match=match):
-        pettingzoo.make("parallel", "coopsim/crossing-v2", **option)
+        pettingzoo.make("parallel", "coopsim/crossing-v3", **option)
 
 
 BOTH = np.array(["none", "detections"])
@@ -306,9 +306,9 @@ def test_a_wrong_type_is_refused_by_the_name_of_its_option(option: str, value: A
     [
         (
             lambda: coopsim.parallel_env("crosing"),
-            "unknown environment 'crosing'. Did you mean 'crossing-v2'",
+            "unknown environment 'crosing'. Did you mean 'crossing-v3'",
         ),
-        (lambda: coopsim.parallel_env("crossing-v0"), "unknown environment 'crossing-v0'. Did you mean 'crossing-v2'"),
+        (lambda: coopsim.parallel_env("crossing-v0"), "unknown environment 'crossing-v0'. Did you mean 'crossing-v3'"),
         (lambda: coopsim.parallel_env("crossing-v9"), "unknown environment 'crossing-v9'"),
         (lambda: coopsim.parallel_env(None), "unknown environment None"),
         (lambda: coopsim.parallel_env(3), "unknown environment 3"),

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from fork_server import run_python
 from representatives import all_of
 
 import coopsim
@@ -109,9 +110,12 @@ def test_python_runs(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     shown = left_to_run(page)
     code = "\n".join(["import coopsim", *(block for block in shown if not lacks(block))])
     monkeypatch.chdir(tmp_path)
-    if "register" in code or any(imported(block) & MAY_LACK.keys() for block in shown):
+    if any(imported(block) & MAY_LACK.keys() for block in shown):
         environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
         subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=environment, check=True)
+    elif "register" in code:
+        done = run_python(code, folder=tmp_path, found=tmp_path)
+        assert done.returncode == 0, done.stderr
     else:
         exec(code, {"__name__": "__main__"})
 

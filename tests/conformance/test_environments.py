@@ -73,7 +73,7 @@ def test_parallel_seed(make_small: Make, name: str) -> None:
     parallel_seed_test(lambda: make_small(name, control="policy"), 5)
 
 
-@pytest.mark.parametrize("name", [f"coopsim/{name}-v2" for name in SIMULATED])
+@pytest.mark.parametrize("name", [f"coopsim/{name}-v3" for name in SIMULATED])
 def test_pettingzoo_makes_registered_ids(name: str) -> None:
     env = pettingzoo.make("parallel", name, **SMALL)
     assert env.metadata["name"] == name

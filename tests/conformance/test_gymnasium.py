@@ -33,7 +33,7 @@ def test_gymnasium_knows_every_environment() -> None:
 @UNBOUNDED
 @pytest.mark.parametrize("name", all_of(SIMULATED, "highway", "occluded_crossing", "town"))
 def test_check_env(name: str) -> None:
-    env = gymnasium.make(f"coopsim/{name}-v2", others="late_fusion", **TINY)
+    env = gymnasium.make(f"coopsim/{name}-v3", others="late_fusion", **TINY)
     check_env(env.unwrapped, skip_render_check=True)
 
 
@@ -49,21 +49,21 @@ def test_check_env(name: str) -> None:
     ],
 )
 def test_check_env_with_options(options: dict[str, Any]) -> None:
-    env = gymnasium.make("coopsim/crossing-v2", **(TINY | {"others": "late_fusion"} | options))
+    env = gymnasium.make("coopsim/crossing-v3", **(TINY | {"others": "late_fusion"} | options))
     check_env(env.unwrapped, skip_render_check=True)
 
 
 @UNBOUNDED
 def test_check_env_with_cameras() -> None:
     pytest.importorskip("moderngl")
-    env = gymnasium.make("coopsim/crossing-v2", cameras="front", **TINY)
+    env = gymnasium.make("coopsim/crossing-v3", cameras="front", **TINY)
     check_env(env.unwrapped, skip_render_check=True)
 
 
 @UNBOUNDED
 def test_check_env_of_a_replay_with_its_pictures(recordings: Path) -> None:
     env = gymnasium.make(
-        "coopsim/replay-v2", path=recordings, detections=("ego", "1"), others="late_fusion", expose_ground_truth=True
+        "coopsim/replay-v3", path=recordings, detections=("ego", "1"), others="late_fusion", expose_ground_truth=True
     )
     env.unwrapped.metadata["render_modes"].remove("human")  # there is no window here
     check_env(env.unwrapped)
@@ -72,14 +72,14 @@ def test_check_env_of_a_replay_with_its_pictures(recordings: Path) -> None:
 @UNBOUNDED
 def test_check_env_of_a_scenario_file() -> None:
     options = {key: value for key, value in TINY.items() if key != "vehicles"}
-    env = gymnasium.make("coopsim/file-v2", path=coopsim.catalog.scenario_files()[0], **options)
+    env = gymnasium.make("coopsim/file-v3", path=coopsim.catalog.scenario_files()[0], **options)
     check_env(env.unwrapped, skip_render_check=True)
 
 
 @pytest.mark.parametrize("name", SIMULATED)
 def test_what_make_wraps_finds_nothing_wrong_in_an_episode(name: str) -> None:
     """Gymnasium's passive checker warns, and a warning is an error here."""
-    env = gymnasium.make(f"coopsim/{name}-v2", others="late_fusion", tracker="late_fusion", control="policy", **TINY)
+    env = gymnasium.make(f"coopsim/{name}-v3", others="late_fusion", tracker="late_fusion", control="policy", **TINY)
     env.reset(seed=0)
     env.action_space.seed(0)
     steps, over = 0, False
@@ -101,7 +101,7 @@ def test_what_make_wraps_finds_nothing_wrong_in_an_episode(name: str) -> None:
 def test_vectors_step_and_start_again(mode: str, vector_kwargs: dict[str, Any]) -> None:
     options = TINY | {"tracker": "late_fusion", "control": "policy", "others": coopsim.make_policy("late_fusion")}
     vector = gymnasium.make_vec(
-        "coopsim/crossing-v2", num_envs=2, vectorization_mode=mode, vector_kwargs=vector_kwargs, **options
+        "coopsim/crossing-v3", num_envs=2, vectorization_mode=mode, vector_kwargs=vector_kwargs, **options
     )
     try:
         vector.reset(seed=[5, 6])
@@ -124,7 +124,7 @@ def test_vectors_of_boxes_need_no_options(mode: str) -> None:
     """Wrapped to fixed shapes, observations go through the shared memory that gymnasium uses if not told otherwise."""
     options = TINY | {"lidar": None, "tracker": "late_fusion", "control": "policy", "others": "late_fusion"}
     vector = gymnasium.make_vec(
-        "coopsim/crossing-v2", num_envs=2, vectorization_mode=mode, wrappers=[FixedSize, Flatten], **options
+        "coopsim/crossing-v3", num_envs=2, vectorization_mode=mode, wrappers=[FixedSize, Flatten], **options
     )
     try:
         observations, _ = vector.reset(seed=3)
@@ -139,19 +139,19 @@ def test_vectors_of_boxes_need_no_options(mode: str) -> None:
 def test_gymnasium_says_what_is_wrong_with_shared_memory() -> None:
     """Sequences have no fixed size: a wrapper that gives boxes, or shared_memory=False, is the answer."""
     with pytest.raises(TypeError, match="For `AsyncVectorEnv`, disable `shared_memory`"):
-        gymnasium.make_vec("coopsim/crossing-v2", num_envs=1, vectorization_mode="async", **TINY)
+        gymnasium.make_vec("coopsim/crossing-v3", num_envs=1, vectorization_mode="async", **TINY)
 
 
 @pytest.mark.filterwarnings("ignore:.*Using the latest versioned environment")
 def test_an_id_without_a_version_is_the_newest() -> None:
-    assert gymnasium.make("coopsim/crossing", **TINY).spec.id == "coopsim/crossing-v2"
+    assert gymnasium.make("coopsim/crossing", **TINY).spec.id == "coopsim/crossing-v3"
 
 
 @pytest.mark.filterwarnings("ignore:.*The environment coopsim/crossing-v0 is out of date")
 @pytest.mark.parametrize(
     ("name", "error", "message"),
     [
-        ("coopsim/crossing-v0", gymnasium.error.DeprecatedEnv, "use `coopsim/crossing-v2` instead"),
+        ("coopsim/crossing-v0", gymnasium.error.DeprecatedEnv, "use `coopsim/crossing-v3` instead"),
         ("coopsim/crosing-v1", gymnasium.error.NameNotFound, "Did you mean: `crossing`"),
     ],
 )
@@ -164,9 +164,9 @@ def test_a_wrong_id_is_refused_with_a_hint(name: str, error: type[Exception], me
     "program",
     [
         pytest.param(
-            "import coopsim, gymnasium; env = gymnasium.make('coopsim/crossing-v2', lidar=None)", marks=pytest.mark.long
+            "import coopsim, gymnasium; env = gymnasium.make('coopsim/crossing-v3', lidar=None)", marks=pytest.mark.long
         ),
-        "import gymnasium; env = gymnasium.make('coopsim:coopsim/crossing-v2', lidar=None)",
+        "import gymnasium; env = gymnasium.make('coopsim:coopsim/crossing-v3', lidar=None)",
     ],
 )
 def test_importing_coopsim_is_enough(program: str) -> None:
@@ -178,11 +178,11 @@ def test_importing_coopsim_loads_no_environment() -> None:
     program = "import coopsim, sys; print(*sys.modules, *sys.modules['gymnasium'].registry)"
     done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
     loaded = set(done.stdout.split())
-    assert "coopsim/crossing-v2" in loaded
+    assert "coopsim/crossing-v3" in loaded
     assert {"coopsim.envs", "pettingzoo", "highway_env", "numba", "matplotlib", "torch", "pygame"} & loaded == set()
 
 
 def test_a_spec_can_be_written_down_and_read(tmp_path: Path) -> None:
-    spec = gymnasium.make("coopsim/crossing-v2", ego="cav_1", others="late_fusion", **TINY).spec
+    spec = gymnasium.make("coopsim/crossing-v3", ego="cav_1", others="late_fusion", **TINY).spec
     again = gymnasium.make(gymnasium.envs.registration.EnvSpec.from_json(spec.to_json()))
     assert again.unwrapped.ego == "cav_1" and set(again.unwrapped.policies) == {"cav_0", "cav_2", "rsu_0"}

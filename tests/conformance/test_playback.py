@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from representatives import all_of
 from small_env import SIMULATED, SMALL
 from test_environments import assert_same, play
 
@@ -25,7 +26,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return coopsim.record("crossing", path, seed=4, max_cycles=SMALL["max_cycles"], vehicles=SMALL["vehicles"])
 
 
-@pytest.mark.parametrize("name", SIMULATED)
+@pytest.mark.parametrize("name", all_of(SIMULATED, "crossing", "occluded_crossing", "platoon", "town"))
 def test_played_back_with_the_same_options_it_is_the_same_to_the_last_bit(
     make_small: Make, tmp_path: Path, name: str
 ) -> None:

@@ -105,7 +105,7 @@ def test_a_recording_of_any_described_place_is_played_as_a_town(tmp_path: Path) 
 
 def test_a_vector_draws_the_places_that_one_environment_draws() -> None:
     options = {**SMALL_TOWN, "lidar": None, "detector": "simulated", "max_cycles": 2}
-    with coopsim.vector("town", 2, workers=2, **options) as vector:
+    with coopsim.vector("town", 2, workers=0, **options) as vector:
         together, infos = vector.reset(seed=[1, 2])
         assert [each["cav_0"]["place_seed"] for each in infos] == [1, 2]
         together = [{agent: dict(each) for agent, each in env.items()} for env in together]

@@ -161,7 +161,7 @@ def test_one_agent_sees_what_it_sees_among_all(make_small: Make, form: str) -> N
 
 def test_gymnasium_makes_vectors_of_it() -> None:
     envs = gymnasium.make_vec(
-        "coopsim/crossing-v2",
+        "coopsim/crossing-v3",
         num_envs=2,
         vectorization_mode="sync",
         wrappers=[OBSERVING["flat"]],
@@ -364,7 +364,7 @@ def test_gymnasium_makes_it_again() -> None:
     def wrap(env: Any) -> Any:
         return Flatten(BevImage(FixedSize(FixedTracks(env, tracks=2), detections=5), size=8))
 
-    first = wrap(gymnasium.make("coopsim/crossing-v2", **(SMALL | {"lidar": None, "max_cycles": 4} | DELAYED)))
+    first = wrap(gymnasium.make("coopsim/crossing-v3", **(SMALL | {"lidar": None, "max_cycles": 4} | DELAYED)))
     second, third = gymnasium.make(first.spec), gymnasium.make(first.spec)
     assert second.observation_space == first.observation_space and second.action_space == first.action_space
     action = np.zeros(first.action_space.shape, np.float32)

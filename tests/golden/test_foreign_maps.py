@@ -16,10 +16,14 @@ from scipy.spatial import KDTree
 
 from coopsim.data.maps import netconvert
 from coopsim.data.maps.check import check_map, driven_lanes
+from coopsim.data.maps.place.carla_routes import read_routes, start_on
+from coopsim.data.maps.place.cut import cut_out
+from coopsim.data.maps.place.describe import describe_place
 from coopsim.data.maps.reading import read_map
 from coopsim.data.maps.street_map import StreetMap
 from coopsim.errors import MapWarning
 from coopsim.geometry.se3 import Floats
+from coopsim.world.custom.place import place_from
 
 
 @pytest.fixture
@@ -64,6 +68,19 @@ def test_a_town_of_carla_hangs_together(town: str, lanes: int, ways: int, maps: 
     assert (len(check.lanes), len(streets.ways)) == (lanes, ways)
     assert not check.unreached and not check.unleft and len(check.joined) == lanes
     assert widest_gap_m(streets) < 0.002
+
+
+def test_a_route_of_carla_lies_on_the_lanes_of_town05(maps: Path, tmp_path: Path) -> None:
+    marks = '<waypoint x="-107.2" y="-135.2" z="0"/><waypoint x="-55.8" y="-107.1" z="0"/>'
+    file = tmp_path / "routes.xml"
+    file.write_text(f'<routes><route id="100" town="Town05">{marks}</route></routes>')
+    town = read(maps / "opendrive" / "Town05.xodr.gz")
+    (route,) = read_routes(file)
+    layout = place_from(describe_place(cut_out(town, route.around, 100.0), 0), "town").make_layout()
+    started, length_m = start_on(layout, route, route.around)
+    place = layout.network.get_lane(started.slots[0].lane).position(started.slots[0].along_m, 0.0)
+    assert np.hypot(*(place + route.around - route.points[0])) < 1.0
+    assert length_m == pytest.approx(64.4, abs=1.0)
 
 
 @pytest.mark.long

@@ -230,7 +230,7 @@ def test_averages_as_the_nuscenes_kit(seed: int) -> None:
 
 @pytest.mark.heavy("AB3DMOT tracks 1,134 recorded frames")
 def test_real_recordings(v2v4real: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """AB3DMOT on all recordings: pooled as TrackEval says, and without rivals each as motmetrics says."""
+    """AB3DMOT on all recordings: pooled as TrackEval says, and without rivals every third as motmetrics says."""
     recorded: dict[int, tuple[Evaluator, list[Frame]]] = {}
     update = Evaluator.update
 
@@ -244,7 +244,7 @@ def test_real_recordings(v2v4real: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     sequences = [frames for _, frames in recorded.values() if len(frames) > 1]  # one frame only warms up
     assert sum(map(len, sequences)) == 1134
     same_as_trackeval(summarize([evaluate(frames) for frames in sequences]), sequences, 0.25)
-    for frames in sequences:
+    for frames in sequences[::3]:
         names = {"IDF1": "idf1", "IDP": "idp", "IDR": "idr"}
         same(summarize([evaluate(frames)]), mot(frames, list(names.values())), names)
         alone = without_rivals(frames, 0.25)

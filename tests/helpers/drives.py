@@ -47,17 +47,19 @@ def drive(
     route: Callable[[float], Mapping[str, Any]] = lambda x: {},
     state: Callable[[float], Mapping[str, Any]] = lambda x: {},
     left: Callable[[float], tuple[bool, bool]] = lambda x: (False, False),
+    way_m: Callable[[float], float] = lambda x: 0.0,
 ) -> DriveLog:
     """Log a drive from x = 0 on with an acceleration in each step; `crashed`: in the last frame.
 
-    `route`, `state` and `left` are further fields of `Route`, `CarState` and `DriveFrame` where the middle is at x.
+    `route`, `state` and `left` are further fields of `Route`, `CarState` and `DriveFrame` where the middle is at x,
+    and `way_m` is how far to the left of the car its way then is.
     """
     log, x = DriveLog(), 0.0
     before = 0.0
     for k, acceleration in enumerate([*accelerations, 0.0]):
         t, last = k * DT_S, k == len(accelerations)
         ways, legal = np.arange(101.0), np.array([limits(x + s) for s in range(101)])
-        points, rights = np.column_stack([ways, np.zeros(101)]), np.zeros(101, np.int64)
+        points, rights = np.column_stack([ways, np.full(101, way_m(x))]), np.zeros(101, np.int64)
         way = Route(points, 1.0, legal, rights, lane_width_m=np.full(101, 4.0), **route(x))
         car = CarState(speed, before, LENGTH_M, WIDTH_M, crashed and last, way, **state(x))
         truth, reported = _around(things, t, x)

@@ -22,7 +22,8 @@ def film_frame(k: int) -> FilmFrame:
     points = {ALL: np.array([[k, -3], [7, 9]], np.int16), "cav_0": np.zeros((0, 2), np.int16)}
     lies = [ShownLie("rsu_0", rows((5.0, 5.0)), rows(), None if k else (1.5, 2.0))]
     truth, tracks = rows((k, 0), (8, 8)), {"cav_0": rows((k, 0.2))}
-    return FilmFrame(k * 100_000_000, agents, truth, points, tracks, lies, "rG" if k % 2 else "Gr")
+    lights, told = "rG" if k % 2 else "Gr", {"cav_0": np.array([1])}
+    return FilmFrame(k * 100_000_000, agents, truth, points, tracks, lies, lights, told=told)
 
 
 def some_drive(frames: int) -> Drive:

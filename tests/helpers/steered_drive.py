@@ -1,4 +1,4 @@
-"""Drives of planners that steer, among others that keep their velocity, along a straight road east on y = 0."""
+"""Drives of planners among others that keep their velocity, along a straight road east on y = 0."""
 
 from __future__ import annotations
 
@@ -20,19 +20,49 @@ CAR_M, PERSON_M = (4.5, 1.9, 1.6), (0.6, 0.6, 1.75)
 
 @dataclass
 class Other:
-    """An object: its place at the time 0 and its velocity, m and m/s; from when it is there; its class and size."""
+    """An object: its place at the time 0 and its velocity, m and m/s; its class; from when on it is seen; its heading,
+    None: along its velocity."""
 
     x: float
     y: float
     vx: float = 0.0
     vy: float = 0.0
-    from_s: float = 0.0
     label: ObjectClass = ObjectClass.CAR
-    yaw: float = 0.0
+    seen_from_s: float = 0.0
+    yaw: float | None = None
 
     @property
     def size(self) -> tuple[float, float, float]:
         return PERSON_M if self.label == ObjectClass.PEDESTRIAN else CAR_M
+
+    @property
+    def heading(self) -> float:
+        return math.atan2(self.vy, self.vx) if self.yaw is None else self.yaw
+
+    def at(self, time_s: float) -> tuple[float, float]:
+        return self.x + self.vx * time_s, self.y + self.vy * time_s
+
+
+def tracks_of(others: Sequence[Other], time_s: float, x: float, y: float = 0.0, yaw: float = 0.0) -> Tracks:
+    """Return tracks on the others that are seen at a time, in the frame of a car at a place."""
+    seen = [k for k, each in enumerate(others) if time_s >= each.seen_from_s]
+    turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    known = [others[k] for k in seen]
+    rows = [[*(np.subtract(each.at(time_s), (x, y)) @ turn), 0.8, *each.size, each.heading - yaw] for each in known]
+    velocity = np.array([[each.vx, each.vy] for each in known]).reshape(-1, 2) @ turn
+    labels = np.array([int(each.label) for each in known], dtype=np.int64)
+    boxes = Boxes3D.from_array(np.array(rows).reshape(-1, 7))
+    return Tracks(np.array(seen, dtype=np.int64), boxes, velocity, np.ones(len(seen)), labels)
+
+
+def touches(others: Sequence[Other], time_s: float, x: float, y: float = 0.0) -> bool:
+    """Return whether a car that heads along the road touches one of others, which head along it or across."""
+    for each in others:
+        at, across = each.at(time_s), abs(each.vy) > abs(each.vx)
+        long, wide = each.size[1::-1] if across else each.size[:2]
+        if abs(at[0] - x) < (long + LENGTH_M) / 2 and abs(at[1] - y) < (wide + WIDTH_M) / 2:
+            return True
+    return False
 
 
 @dataclass
@@ -61,15 +91,9 @@ def drive(
     x = y = yaw = acceleration = 0.0
     out = Driven()
     for k in range(round(seconds / DT_S)):
-        there = [each for each in others if k * DT_S >= each.from_s]
-        at = np.array([[o.x + o.vx * k * DT_S, o.y + o.vy * k * DT_S] for o in there]).reshape(-1, 2)
         turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
         move = lambda places: (np.asarray(places, float).reshape(-1, 2) - [x, y]) @ turn  # noqa: B023, E731
-        boxes = [[*place, 0.8, *o.size, o.yaw - yaw] for place, o in zip(move(at), there, strict=True)]
-        velocity = np.array([[o.vx, o.vy] for o in there]).reshape(-1, 2) @ turn
-        labels = np.array([o.label for o in there], dtype=np.int64)
-        rows = Boxes3D.from_array(np.array(boxes).reshape(-1, 7))
-        tracks = Tracks(np.array([others.index(o) for o in there], int), rows, velocity, np.ones(len(there)), labels)
+        tracks = tracks_of(others, k * DT_S, x, y, yaw)
         occlusions = Occlusions(move(walls).reshape(-1, 4), move(eyes), _moved(entries, move, x))
         car = PlannedCar(
             "cav_0", round(k * DT_S * 1e9), DT_S, tracks, speed, acceleration, 0.0, LENGTH_M, WIDTH_M,
@@ -79,9 +103,7 @@ def drive(
         speed = max(speed + max(acceleration, -8.0) * DT_S, 0.0)
         x, y = x + speed * DT_S * math.cos(yaw), y + speed * DT_S * math.sin(yaw)
         yaw += speed * DT_S * math.tan(angle) / WHEELBASE_M
-        apart = np.abs(at - [x, y])
-        reach = np.array([o.size[:2] for o in there]).reshape(-1, 2) / 2 + [LENGTH_M / 2, WIDTH_M / 2]
-        out.touched |= bool((apart < reach).all(axis=1).any())
+        out.touched |= touches(others, k * DT_S, x, y)
         out.x.append(x), out.y.append(y), out.speed.append(speed)
     return out
 

@@ -244,7 +244,7 @@ def test_replay_takes_every_name_as_an_agent(recordings: Path, tmp_path: Path) -
     ("arguments", "message"),
     [
         (["demo", "--policies", "late_fusoin"], "unknown policy 'late_fusoin'. Did you mean 'late_fusion'"),
-        (["demo", "--environment", "crosing"], "Did you mean 'crossing-v2'"),
+        (["demo", "--environment", "crosing"], "Did you mean 'crossing-v3'"),
         (["demo", "--latencies-ms=-5"], "latency_s must be"),
         (["demo", "--loss", "2"], "loss must be in [0, 1]"),
         (["demo", "--out", "/nonexistent/demo.html"], "cannot write /nonexistent/demo.html"),
@@ -332,15 +332,15 @@ def test_list_names_everything(capsys: pytest.CaptureFixture[str]) -> None:
     for name in (
         "late_fusion",
         "no_fusion (or ab3dmot)",
-        "crossing-v2",
-        "town-v2",
+        "crossing-v3",
+        "town-v3",
         "village.yaml",
         "pointpillars_v2v4real",
         "attfuse_together",
         "mota, safe_progress",
     ):
         assert name in out
-    for name in ("town-v2", "sparse_features (features)", "compact (detections)", "queries, tracks", "quick"):
+    for name in ("town-v3", "sparse_features (features)", "compact (detections)", "queries, tracks", "quick"):
         assert name in out
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import pytest
+from jobs_here import no_workers
 
 from coopsim.bench.detect.detect_plan import EVERYWHERE, DetectJob
 from coopsim.bench.engine.job import Outcome
@@ -135,9 +137,11 @@ def test_fusions_of_features_have_detections_and_bytes_of_their_own(here: list[D
 
 
 def test_rows_are_the_same_for_any_number_of_processes(tmp_path: Path) -> None:
+    """Those of two, and those of this one."""
     found = []
-    for jobs in ("1", "2"):
-        rows = _detect(tmp_path / f"{jobs}.json", "--seeds", "0-1", "--workers", jobs)
+    for around in (no_workers(), nullcontext()):
+        with around:
+            rows = _detect(tmp_path / f"{len(found)}.json", "--seeds", "0-1", "--workers", "2")
         found.append([{name: value for name, value in row.items() if not name.startswith("ms_")} for row in rows])
     assert found[0] == found[1]
 

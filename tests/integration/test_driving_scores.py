@@ -9,7 +9,7 @@ from coopsim.metrics.driving import DRIVING
 
 
 def test_a_situation_has_all_metrics_of_driving() -> None:
-    values = evaluate("truth", "occluded_pedestrian-v2", seed=1000, max_cycles=80).score.values
+    values = evaluate("truth", "occluded_pedestrian-v3", seed=1000, max_cycles=80).score.values
     assert set(DRIVING) <= set(values)
     assert values["crash"] == values["phantom_brakes"] == 0
     assert values["lead_time"] > 1.0
@@ -22,4 +22,4 @@ def test_a_situation_has_all_metrics_of_driving() -> None:
 
 
 def test_an_ordinary_run_has_none() -> None:
-    assert not set(DRIVING) & set(evaluate("no_fusion", "crossing-v2", seed=0, max_cycles=3, lidar=None).score.values)
+    assert not set(DRIVING) & set(evaluate("no_fusion", "crossing-v3", seed=0, max_cycles=3, lidar=None).score.values)

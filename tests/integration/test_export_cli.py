@@ -79,10 +79,10 @@ def test_typos_are_told_in_one_line_and_write_nothing(arguments, told, tmp_path,
 
 
 def test_after_ctrl_c_the_same_command_goes_on_and_ends_in_the_same_bytes(tmp_path):
-    command = ["--seeds", "0-1", "--frames", "30"]
+    command = ["--seeds", "0-1", "--frames", "20"]
     with interruptible(*_export(tmp_path / "a", *command), stderr=subprocess.PIPE) as process:
         try:
-            while not list((tmp_path / "a").glob("crossing_0001/*/000010.yaml")):
+            while not list((tmp_path / "a").glob("crossing_0001/*/000004.yaml")):
                 assert process.poll() is None, process.communicate()
                 time.sleep(0.01)
             process.send_signal(signal.SIGINT)

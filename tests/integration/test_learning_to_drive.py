@@ -98,7 +98,7 @@ def test_vectors_give_the_rewards_of_one_environment_and_begin_again_after_a_cra
 def test_gymnasium_makes_vectors_of_a_driver(mode: str) -> None:
     alone = drive(Flatten(DrivingRows(single())), CRASHES, FULL)
     envs = gymnasium.make_vec(
-        "coopsim/crossing-v2", num_envs=2, vectorization_mode=mode, wrappers=[DrivingRows, Flatten], **TRACKED
+        "coopsim/crossing-v3", num_envs=2, vectorization_mode=mode, wrappers=[DrivingRows, Flatten], **TRACKED
     )
     try:
         envs.reset(seed=[CRASHES, CRASHES])
@@ -116,7 +116,7 @@ def test_gymnasium_makes_vectors_of_a_driver(mode: str) -> None:
 @pytest.mark.filterwarnings("ignore:.*We recommend you to use a symmetric")
 def test_checkers_of_others_accept_a_driver() -> None:
     driver = {name: TRACKED[name] for name in ("control", "tracker", "others", "reward", "lidar")}
-    made = gymnasium.make("coopsim/occluded_pedestrian-v2", **driver, max_cycles=5)
+    made = gymnasium.make("coopsim/occluded_pedestrian-v3", **driver, max_cycles=5)
     check_env(Flatten(DrivingRows(made)), skip_render_check=True)
     check_env(BevImage(FixedSize(DrivingRows(made)), size=16), skip_render_check=True)
     again = gymnasium.make(Flatten(DrivingRows(made, tracks=3)).spec)

@@ -109,27 +109,8 @@ def test_it_is_in_the_tables_of_the_commands(
     assert "reported boxes" in to_markdown(results, "t") and "reported boxes" in to_csv(results)
 
 
-def test_a_benchmark_stores_and_reports_it(tmp_path: Path) -> None:
-    """In processes that load it from the file of a policy, also for the cells of another policy."""
-    (tmp_path / "mine.py").write_text(MODULE + POLICY)
-    grid = Grid(("no_fusion", f"{tmp_path / 'mine.py'}:Mine"), frames=5, options=SMALL)
-    results = benchmark(grid, tmp_path / "out", engine=Engine(workers=1))
-    assert not any(result.failed for result in results), results
-    assert all(result.values["reported boxes"] > 0 for result in results)
-    assert [result.values for result in Store(tmp_path / "out").results()] == [result.values for result in results]
-    publish(tmp_path / "out", results, Provenance.of(grid), clips=0)
-    page, markdown, table = (
-        (tmp_path / "out" / name).read_text() for name in ("report.html", "report.md", "results.csv")
-    )
-    assert '<div data-metric="reported boxes"' in page and "all reported boxes" in page
-    data = json.loads(page.split('id="data">')[1].split("</script>")[0])
-    assert {"name": "reported boxes", "less": True} in data["metrics"]
-    assert "reported boxes" in markdown.split("##")[1] and "reported boxes" in table.splitlines()[0]
-
-
 RECORDED = """
 import coopsim
-from coopsim.metrics import METRICS, Metric
 
 @coopsim.RECORDERS.register("heard")
 class Heard(coopsim.Recorder):
@@ -151,12 +132,28 @@ class MessagesHeard(Metric):
 """
 
 
-def test_a_metric_of_an_own_recorder_is_measured_in_the_processes_of_a_benchmark(tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text(RECORDED + POLICY.replace("no_fusion", "late_fusion"))
+def test_a_benchmark_stores_and_reports_it(tmp_path: Path) -> None:
+    """In processes that load it from the file of a policy, also for the cells of another policy.
+
+    So is one that a recorder of its own measures.
+    """
+    (tmp_path / "mine.py").write_text(MODULE + RECORDED + POLICY.replace("no_fusion", "late_fusion"))
     grid = Grid(("no_fusion", f"{tmp_path / 'mine.py'}:Mine"), frames=3, options={**SMALL, "connected_cars": 2})
-    silent, heard = benchmark(grid, tmp_path / "out", engine=Engine(workers=1))
+    results = benchmark(grid, tmp_path / "out", engine=Engine(workers=1))
+    assert not any(result.failed for result in results), results
+    assert all(result.values["reported boxes"] > 0 for result in results)
+    silent, heard = results
     assert "messages heard" not in silent.values
     assert heard.values["messages heard"] == 6  # of two others in three frames
+    assert [result.values for result in Store(tmp_path / "out").results()] == [result.values for result in results]
+    publish(tmp_path / "out", results, Provenance.of(grid), clips=0)
+    page, markdown, table = (
+        (tmp_path / "out" / name).read_text() for name in ("report.html", "report.md", "results.csv")
+    )
+    assert '<div data-metric="reported boxes"' in page and "all reported boxes" in page
+    data = json.loads(page.split('id="data">')[1].split("</script>")[0])
+    assert {"name": "reported boxes", "less": True} in data["metrics"]
+    assert "reported boxes" in markdown.split("##")[1] and "reported boxes" in table.splitlines()[0]
 
 
 def test_its_code_is_part_of_a_cell_s_key(tmp_path: Path) -> None:

@@ -63,7 +63,7 @@ def spare(frame: dict[str, Any]) -> int:
 
 def rises(attack: str, name: str = "cooptrack") -> list[float]:
     """Return how much surer the network is of a car at the target than without a change, by frame."""
-    with_it, without = (play(each, name)[1:] for each in (attack, f"pgd(eps={WEAK})"))
+    with_it, without = (play(each, name)[1:] for each in (attack, f"fgsm(eps={WEAK})"))
     return [
         float(one["shows"][spare(one), 0] - other["shows"][spare(other), 0])
         for one, other in zip(with_it, without, strict=True)

@@ -12,6 +12,7 @@ from PIL import Image
 
 from coopsim.cli import main
 
+pytestmark = pytest.mark.usefixtures("jobs_here")
 WRITERS = {
     "kitti_object": single.write_kitti_object,
     "argoverse2": single.write_argoverse2,
@@ -21,7 +22,7 @@ WRITERS = {
 
 
 def detect(folder: Path, *more: str) -> int:
-    command = ["detect", "--environments", str(folder), "--policies", "no_fusion", "--seeds", "0", "--jobs", "1"]
+    command = ["detect", "--environments", str(folder), "--policies", "no_fusion", "--seeds", "0"]
     return main([*command, "--detector", "simulated", "--option", "ground_truth=visible", *more])
 
 

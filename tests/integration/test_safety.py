@@ -16,7 +16,7 @@ from PIL import Image
 from coopsim.bench.benchmark import benchmark
 from coopsim.bench.engine.engine import Engine
 from coopsim.bench.engine.job import Job, run_job
-from coopsim.bench.films.film import Filming
+from coopsim.bench.films.filming import Filming
 from coopsim.bench.films.recording import Recording
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.grid.grid import Grid
@@ -143,6 +143,8 @@ def test_a_report_plays_a_pair_up_to_its_crash(crash: Recording) -> None:
     data = figure.data
     side = data["sides"][0]
     assert len(side["frames"]) == len(side["marks"]) == len(side["runs"][0]["tracks"]) > 5
+    (run,) = side["runs"]
+    assert len(run["news"]) == len(run["tracks"]) and any(run["news"]), "what messages tell of is marked"
     assert [mark["crash"] for mark in side["marks"]] == [False] * (len(side["marks"]) - 1) + [True]
     assert all(mark["met"] for mark in side["marks"]), "what it must not touch is ringed"
     page = render_bench_report(table, About(), Played([FilmSection("Telling pairs", NOTE, KEYS, [figure])]))

@@ -272,6 +272,7 @@ def test_a_large_folder_opens_at_once(tmp_path: Path) -> None:
     assert time.process_time() - started < 2.0
 
 
+@pytest.mark.usefixtures("jobs_here")
 def test_detect_takes_a_folder_for_an_environment(varied: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = varied / "rows.json"
     command = [
@@ -283,7 +284,7 @@ def test_detect_takes_a_folder_for_an_environment(varied: Path, capsys: pytest.C
         "--detector",
         "simulated",
     ]
-    assert main([*command, "--frames", "5", "--every-s", "0.1", "--workers", "1", "--json", str(rows)]) == 0
+    assert main([*command, "--frames", "5", "--every-s", "0.1", "--json", str(rows)]) == 0
     measured = json.loads(rows.read_text())
     assert [row["policy"] for row in measured] == ["no_fusion", "late_fusion"]
     assert all(row["frames"] == 2 * (tiny.FRAMES - 1) for row in measured), "two sequences, without their first frames"

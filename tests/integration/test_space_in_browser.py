@@ -17,6 +17,15 @@ import picture_pages
 
 CHROMIUM = picture_pages.find_chromium()
 POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:"
+RINGS = """(() => {
+    const [canvas, scene] = [document.querySelector("#panels canvas"), decodeScene({ ...data.drawing, ...data.scene })];
+    const [id, x, y] = scene.frames[0].truth;
+    const view = { agent: "cav_0", eye: [x * scene.unit, y * scene.unit], span: 40, layers: { tracks: true } };
+    return [[], [], [[id, 0]], [[id, 0.5]]].map((cav_0) => {
+        drawFromAbove(canvas, scene, 0, { ...scene.runs[0], news: [{ cav_0 }] }, view);
+        return canvas.toDataURL();
+    });
+})()"""
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed, nor named by COOPSIM_CHROMIUM")
 
 
@@ -76,4 +85,6 @@ def test_without_webgl_the_view_from_above_is_all(report: Path) -> None:
         page.open(report, "", (500, 700))
         hidden = page.run("document.querySelector('.space').hidden && document.querySelector('.space-bar') === null")
         drawn = page.run("document.querySelector('#panels canvas').width")
+        bare, again, ringed, later = page.run(RINGS)
     assert hidden and drawn > 100 and page.errors == []
+    assert bare == again and len({bare, ringed, later}) == 3, "a ring spreads about what a message has just told of"

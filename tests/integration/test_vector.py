@@ -59,8 +59,7 @@ def played(workers: int, **options: Any) -> list[bytes]:
 def test_the_same_bits_for_any_number_of_workers() -> None:
     here = played(0)
     assert len(here) > 1000
-    for workers in (2, 3):
-        assert played(workers) == here
+    assert played(2) == here  # one of them has two environments
 
 
 @pytest.fixture(autouse=True)

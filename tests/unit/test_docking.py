@@ -92,7 +92,7 @@ def refused(does, *known):
     else:
         raise AssertionError("a typo was accepted")
 
-assert {"square-v2", "staged-v2"} <= set(coopsim.ENVIRONMENTS.names())
+assert {"square-v3", "staged-v3"} <= set(coopsim.ENVIRONMENTS.names())
 assert "mine" in RECORDINGS and "mine" in PROTOCOLS and "greet" in COMMANDS
 assert "plugged_in" not in sys.modules  # names are known without loading anything
 
@@ -113,9 +113,9 @@ assert told("list", "broken")[0] == 2 and "unknown kind 'broken'" in told("list"
 
 for name in ("square", "staged"):
     env = coopsim.parallel_env(name, lidar=None, max_cycles=1)
-    assert env.metadata["name"] == f"coopsim/{name}-v2", env.metadata
-refused(lambda: coopsim.parallel_env("squire"), "square-v2")
-refused(lambda: coopsim.parallel_env("stagedd"), "staged-v2")
+    assert env.metadata["name"] == f"coopsim/{name}-v3", env.metadata
+refused(lambda: coopsim.parallel_env("squire"), "square-v3")
+refused(lambda: coopsim.parallel_env("stagedd"), "staged-v3")
 assert "square" in told("list", "places")[1] and "Stage it as I like" in told("list", "situations")[1]
 
 folder = Path(sys.argv[1])

@@ -65,6 +65,7 @@ mine = plugged_in:MyCodec
 mine = plugged_in:MyEmbedder
 [coopsim.metrics]
 mine = plugged_in:MyMetric
+broken = no_such_module:Metric
 [coopsim.recorders]
 mine = plugged_in:MyRecorder
 [coopsim.defenses]
@@ -77,6 +78,7 @@ mine = plugged_in:MyReward
 
 PROGRAM = """
 import sys
+import warnings
 import coopsim
 from coopsim.catalog import POLICIES, REWARDS
 from coopsim.comms.codecs.codec import CODECS
@@ -85,9 +87,13 @@ from coopsim.interfaces.defense import DEFENSES
 from coopsim.detection.detector import DETECTORS
 from coopsim.detection.embedder import EMBEDDERS
 from coopsim.episode import RECORDERS
+from coopsim.metrics.built_in import custom_metrics
 from coopsim.metrics.metric import METRICS
 from coopsim.interfaces.planner import PLANNERS
 
+told = []
+warnings.simplefilter("always")
+warnings.showwarning = lambda message, *_: told.append(str(message))
 registries = [POLICIES, DETECTORS, UPLINKS, CODECS, EMBEDDERS, METRICS, RECORDERS, REWARDS, PLANNERS, DEFENSES]
 for registry in registries:
     assert "mine" in registry.names(), registry.kind
@@ -103,7 +109,13 @@ assert {names[codec] for each in observations.values() for codec in each["inbox"
 while env.agents:
     observations, rewards, *_ = env.step(policy.act(observations))
     assert set(rewards.values()) == {3}
-assert env.score()["mine"] == 2.0
+score, _ = env.score(), env.score()
+assert score["mine"] == 2.0 and "broken" not in score.values and list(custom_metrics()) == ["mine"]
+(text,) = [each for each in told if "left out" in each]  # and it costs itself alone
+assert text == (
+    "metric 'broken' is left out: package 'plugged-in', entry point 'no_such_module:Metric' raised "
+    "ModuleNotFoundError: No module named 'no_such_module'"
+), text
 for registry in registries:
     assert registry.get("mine").__module__ == "plugged_in", registry.kind
 assert CODECS.name_of(CODECS.get("mine")) == "mine"
@@ -164,41 +176,9 @@ assert backbone.out_channels == 5 and type(backbone).__module__ == "plugged_in"
 """
 
 
-def test_entry_points_add_to_every_registry(tmp_path: Path) -> None:
+def test_entry_points_add_to_every_registry_and_one_that_is_broken_costs_itself_alone(tmp_path: Path) -> None:
     _plug_in(tmp_path, PLUGIN, ENTRY_POINTS)
     _run(tmp_path, PROGRAM)
-
-
-BROKEN_PROGRAM = """
-import warnings
-import coopsim
-from coopsim.metrics.built_in import custom_metrics
-
-with warnings.catch_warnings(record=True) as told:
-    warnings.simplefilter("always")
-    made = coopsim.evaluate("no_fusion", "crossing", vehicles=4, max_cycles=2, lidar=None)
-    coopsim.evaluate("no_fusion", "crossing", vehicles=4, max_cycles=2, lidar=None)
-assert made.score["boxes"] >= 0 and "broken" not in made.score.values and list(custom_metrics()) == ["boxes"]
-(text,) = [str(each.message) for each in told if "left out" in str(each.message)]
-assert text == (
-    "metric 'broken' is left out: package 'plugged-in', entry point 'no_such_module:Metric' raised "
-    "ModuleNotFoundError: No module named 'no_such_module'"
-), text
-"""
-
-BROKEN_METRICS = """
-from coopsim.metrics import Metric
-
-class Boxes(Metric):
-    meaning = "reported boxes"
-    def value(self, pool):
-        return pool.reported
-"""
-
-
-def test_a_package_that_cannot_be_imported_costs_its_own_metric_alone(tmp_path: Path) -> None:
-    _plug_in(tmp_path, BROKEN_METRICS, "[coopsim.metrics]\nbroken = no_such_module:Metric\nboxes = plugged_in:Boxes\n")
-    _run(tmp_path, BROKEN_PROGRAM)
 
 
 def test_entry_points_add_fusions_and_backbones(tmp_path: Path) -> None:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.bench.films.space import Solid, SpaceFrame
-from coopsim.bench.films.space_filming import SpaceFilming, seen_in
-from coopsim.episode import Episode, Recorder
+from coopsim.bench.films.space import Solid, SpaceFrame, short_ids
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.metrics.drive_events import find_events
@@ -28,8 +26,8 @@ BOX_M, POINT_M, TURN_RAD = 0.01, 0.05, 1e-4
 ALL = ""
 """Name of the points of all agents together."""
 
-POINTS, CAR_POINTS = 500, 700
-"""Points that a frame keeps of all agents together or of one, and of a driven car."""
+NEWS_S = 0.8
+"""Time for which pictures mark what a message has just told of."""
 
 _INT16_MAX, _INT32_MAX = 2**15 - 1, 2**31 - 1
 _BY_ITSELF = SEEN_BY.index("me")
@@ -74,6 +72,7 @@ class FilmFrame:
         lies: lies in the messages of the frame.
         lights: states of traffic lights, see `RoadMap`.
         space: the frame in three dimensions; None: it was filmed from above alone.
+        told: ids of the objects that an agent knows by messages alone, see `coopsim.bench.films.told`.
     """
 
     time_ns: int
@@ -84,6 +83,7 @@ class FilmFrame:
     lies: Sequence[ShownLie] = ()
     lights: str = ""
     space: SpaceFrame | None = None
+    told: Mapping[str, Ints] = field(default_factory=dict)
 
     @classmethod
     def of(cls, frame: BevFrame, points: Mapping[str, Floats] | None = None) -> FilmFrame:
@@ -112,7 +112,7 @@ class FilmFrame:
 
 def to_rows(ids: Ints, prints: Floats) -> Rows:
     """Return boxes with footprints (N, 5), m and rad, as whole numbers."""
-    scaled = np.column_stack([ids % (_INT32_MAX + 1), prints[:, :4] / BOX_M, wrap_angle(prints[:, 4]) / TURN_RAD])
+    scaled = np.column_stack([short_ids(ids), prints[:, :4] / BOX_M, wrap_angle(prints[:, 4]) / TURN_RAD])
     return np.clip(np.round(scaled), -_INT32_MAX, _INT32_MAX).astype(np.int32)
 
 
@@ -187,76 +187,14 @@ class Film:
         """Return the senders whose messages reached a receiver in a frame."""
         return self.arrived[frame].get(receiver, frozenset())
 
+    def news(self, agent: str, frame: int) -> dict[int, float]:
+        """Return what messages have just told an agent of: the ids, each with the share of `NEWS_S` since then."""
+        shown = max(1, round(NEWS_S / self.dt_s))
+        told = [self._told(agent, k) for k in range(frame, max(frame - shown, 0) - 1, -1)]
+        told += [set()] * (frame < shown)  # of the time before the film
+        ages = {each: next((k for k, ids in enumerate(told) if each not in ids), None) for each in sorted(told[0])}
+        return {each: (age - 1) / shown for each, age in ages.items() if age is not None}
 
-class Filming(Recorder):
-    """Films a run: points of all agents together, or where cars are driven those of each, with its messages and drive.
-
-    Args:
-        points: number of points of a frame; 0: none.
-        of_each: film the points and messages of each agent, too.
-        space: number of points of each agent in three dimensions; 0: boxes alone; None: the film is from above alone.
-    """
-
-    def __init__(self, points: int = POINTS, *, of_each: bool = False, space: int | None = None) -> None:
-        self._points, self._of_each, self._cloud = points, of_each, space
-        self.frames: list[FilmFrame] = []
-        self._arrived: list[Mapping[str, frozenset[str]]] = []
-        self._delivered: dict[tuple[str, str], int] = {}
-        self._drive: FilmedDrive | None = None
-        self._dt_s, self._map = 0.0, RoadMap((), (), (), ())
-        self._space: SpaceFilming | None = None
-        self._logs: Mapping[str, TrackLog] = {}
-
-    def begin(self, episode: Episode) -> None:
-        env = episode.env
-        self._cars = list(env.cars)
-        self._receivers = self._cars or (list(episode.frame.agents) if self._of_each else [])
-        self._dt_s, self._map = next(iter(env.agent_specs.values())).dt_s, env.road_map
-        self._space = None if self._cloud is None else SpaceFilming(env, self._cloud)
-        self._hear = self._receivers if self._space is None else list(episode.frame.agents)
-
-    def on_step(self, episode: Episode) -> None:
-        env = episode.env
-        clouds = dict.fromkeys(self._receivers, CAR_POINTS if self._cars else self._points)
-        clouds |= {} if self._cars else {ALL: self._points}
-        points = {
-            name: thinned(env.bev_frame(agent=name or None).points, count) for name, count in clouds.items() if count
-        }
-        shown = FilmFrame.of(env.bev_frame(points=False), points)
-        space = None if self._space is None else self._space.frame(env)
-        self.frames.append(replace(shown, lights=env.road_map.lights, space=space))
-        self._logs = env.logs
-        self._note_arrivals({link: each.delivered for link, each in env.link_counts.items()})
-        if self._cars and not env.agents:
-            self._drive = FilmedDrive.of(self._cars[0], env.records["drives"][self._cars[0]].drive, env.logs)
-
-    def _note_arrivals(self, delivered: dict[tuple[str, str], int]) -> None:
-        if not self._arrived:  # the first call comes after two frames, and each has one message of a sender
-            self._arrived.append(self._senders(link for link, count in delivered.items() if count > 1))
-        new = (link for link, count in delivered.items() if count > self._delivered.get(link, 0))
-        self._arrived.append(self._senders(new))
-        self._delivered = delivered
-
-    def _senders(self, links: Iterable[tuple[str, str]]) -> dict[str, frozenset[str]]:
-        found = dict[str, list[str]]()
-        for sender, receiver in links:
-            found.setdefault(receiver, []).append(sender)
-        return {name: frozenset(found[name]) for name in self._hear if name in found}
-
-    @property
-    def film(self) -> Film:
-        """The film so far."""
-        frames, solids = self.frames, tuple[Solid, ...]()
-        if self._space is not None and frames:
-            spaces = [each.space for each in frames if each.space is not None]
-            known = zip(spaces, seen_in(self._logs, len(frames)), strict=True)
-            spaces = [replace(space, seen=seen) for space, seen in known]
-            frames = [replace(frame, space=space) for frame, space in zip(frames, spaces, strict=True)]
-            solids = self._space.solids(spaces)
-        return Film(self._dt_s, self._map, frames, self._arrived, self._drive, solids)
-
-
-def thinned(points: Floats, count: int) -> Floats:
-    """Return about `count` of the points (N, 3): every n-th in the order of the sweep, which runs around the sensor."""
-    stride = max(1, -(-len(points) // count))
-    return points[::stride]
+    def _told(self, agent: str, frame: int) -> set[int]:
+        ids = self.frames[frame].told.get(agent)
+        return set() if ids is None else {*ids.tolist()}

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 
 from coopsim.bench.engine.job import Job, Outcome, run_job
-from coopsim.bench.films.film import Filming
 from coopsim.bench.films.film_file import film_bytes
+from coopsim.bench.films.filming import Filming
 from coopsim.bench.films.space import CLOUD_POINTS
 from coopsim.bench.grid.cell import Cell
 from coopsim.bench.grid.labels import disturbances

@@ -10,6 +10,7 @@ import numpy as np
 
 from coopsim.bench.films.drive_moments import Events, find_moments, in_view, tracked
 from coopsim.bench.films.film import Film, FilmFrame
+from coopsim.bench.films.space import short_ids
 from coopsim.bench.grid.cell import Cell
 from coopsim.errors import InvalidValueError
 from coopsim.geometry.se3 import Floats, wrap_angle
@@ -30,6 +31,7 @@ class Scenery(NamedTuple):
         false_tracks: (K, 5) reported where nothing is.
         agents: places (2,) of all other agents.
         way: (K, 2) ahead of the car.
+        news: places (2,) of what messages have just told the car of, each with the share of its time that is over.
     """
 
     car: Floats
@@ -41,6 +43,7 @@ class Scenery(NamedTuple):
     false_tracks: Floats
     agents: dict[str, Floats]
     way: Floats
+    news: list[tuple[Floats, float]]
 
 
 # Without slots, so that the events can be kept with it.
@@ -86,6 +89,7 @@ class Recording:
         after, reported = min(frame + 1, len(drive) - 1), min(frame, len(drive) - 2)
         bodies = _between(drive.boxes[frame], drive.boxes[after], share)
         there = np.isfinite(bodies).all(axis=1)
+        news, ids = self.film.news(self.agent, reported), short_ids(drive.ids).tolist()
         known, boxes = tracked(drive)[reported], drive.tracks[reported].boxes
         false = is_false(boxes, np.vstack([drive.boxes[reported], drive.car[reported]]))
         return Scenery(
@@ -98,6 +102,7 @@ class Recording:
             boxes[false],
             self.others(reported),
             drive.ways[frame].points,
+            [(bodies[k, :2], news[ids[k]]) for k in np.flatnonzero(there).tolist() if ids[k] in news],
         )
 
     def others(self, frame: int) -> dict[str, Floats]:

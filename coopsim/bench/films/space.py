@@ -29,7 +29,7 @@ _KIND_OF = {
     **dict.fromkeys(("kerb",), "pavement"),
     **dict.fromkeys(("hump",), "road"),
     **dict.fromkeys(("building", "roof", "wall", "garden_wall"), "house"),
-    **dict.fromkeys(("tree", "bush", "hedge"), "plant"),
+    **dict.fromkeys(("tree", "trunk", "leaves", "bush", "hedge"), "plant"),
 }
 _LEFT_OUT = ("window",)  # on the walls of houses, and as many triangles as these
 
@@ -93,10 +93,16 @@ def body_row(body: AgentBody) -> NDArray[np.int32]:
     return np.round([x, y, z, heading, body.height_m / LENGTH_M]).astype(np.int32)
 
 
+def short_ids(ids: Ints) -> Ints:
+    """Return ids (N,) as films have them, in 31 bits; those of a situation's people are longer."""
+    found: Ints = ids % 2**31
+    return found
+
+
 def box_rows(ids: Ints, boxes: Boxes3D, score: Floats | None = None) -> Rows3:
     """Return boxes as whole numbers (N, 8), with a score as (N, 9)."""
     lengths = np.column_stack([boxes.center, boxes.size]) / LENGTH_M
-    columns = [ids % 2**31, lengths, wrap_angle(boxes.yaw) / ANGLE_RAD]
+    columns = [short_ids(ids), lengths, wrap_angle(boxes.yaw) / ANGLE_RAD]
     columns += [] if score is None else [np.clip(score, -1000, 1000) / SCORE]
     return np.clip(np.round(np.column_stack(columns)), -(2**31) + 1, 2**31 - 1).astype(np.int32)
 

@@ -51,8 +51,17 @@ _OTHER = ("", "o")
 
 
 @dataclass(frozen=True, slots=True)
-class _Point:
-    """A policy in the figure."""
+class TradeOffPoint:
+    """A policy in the figure.
+
+    Attributes:
+        name: its name there.
+        look: its look, of which the colour counts.
+        sends: content that it broadcasts (`Needs.uplink`), which the marker says; "" if that is not known.
+        bytes_per_s: bytes that an agent broadcasts in a second.
+        value: its metric, drawn with its interval from three samples on.
+        edges: values below and above which the marker stands at the edge.
+    """
 
     name: str
     look: Look
@@ -91,17 +100,23 @@ def trade_off(table: ResultTable, metric: str, sends: Mapping[str, str]) -> str:
     number. Dashes are the Pareto front: the policies that no other beats in both. `sends` is the content that is
     broadcast, by policy (`Needs.uplink`).
     """
-    points = _points(table, metric, sends)
-    less = less_is_better(metric)
+    many = len(table.scenarios) > _NAMED_SCENARIOS
+    where = f"{len(table.scenarios)} environments" if many else ", ".join(table.scenarios)
+    return plot_trade_off(_points(table, metric, sends), metric, f"{where}: mean over {table.samples.text}")
+
+
+def plot_trade_off(found: Sequence[TradeOffPoint], metric: str, title: str) -> str:
+    """Plot points as `trade_off` does, below a title; those without bytes or a value are left out."""
+    known = [each for each in found if not (math.isnan(each.bytes_per_s) or math.isnan(each.value.mean))]
+    edges = _edges(known)
+    points = sorted((replace(each, edges=edges) for each in known), key=lambda each: (each.bytes_per_s, each.name))
 
     def draw(figure: Figure) -> None:
         panel = figure.subplots()
         panel.set(xlabel="bytes a second that an agent broadcasts", ylabel=name_of(metric))
-        many = len(table.scenarios) > _NAMED_SCENARIOS
-        where = f"{len(table.scenarios)} environments" if many else ", ".join(table.scenarios)
-        panel.set_title(f"{where}: mean over {table.samples.text}")
+        panel.set_title(title)
         if points:
-            _draw_points(panel, points, less)
+            _draw_points(panel, points, less_is_better(metric))
             if is_yes_no(metric):
                 limit_height([panel], from_zero=True)
             _label(figure, panel, points)
@@ -109,21 +124,18 @@ def trade_off(table: ResultTable, metric: str, sends: Mapping[str, str]) -> str:
     return to_svg(draw, *_SIZE_IN)
 
 
-def _points(table: ResultTable, metric: str, sends: Mapping[str, str]) -> list[_Point]:
-    """Return the policies that have values, by rising bytes."""
+def _points(table: ResultTable, metric: str, sends: Mapping[str, str]) -> list[TradeOffPoint]:
+    """Return all policies."""
     calm = [table.conditions.index(each) for each in mildest(table.conditions)] or list(range(len(table.conditions)))
     rates = known_mean(table.values(BYTES)[:, calm], axis=1)
     names, styles = short_names(table), policy_styles(table.policies)
-    found = [
-        _Point(names[policy], styles[policy], sends.get(policy, ""), float(rate), table.mean(metric, k, calm))
+    return [
+        TradeOffPoint(names[policy], styles[policy], sends.get(policy, ""), float(rate), table.mean(metric, k, calm))
         for k, (policy, rate) in enumerate(zip(table.policies, known_mean(rates, axis=1), strict=True))
     ]
-    known = [each for each in found if not (math.isnan(each.bytes_per_s) or math.isnan(each.value.mean))]
-    edges = _edges(known)
-    return sorted((replace(each, edges=edges) for each in known), key=lambda each: (each.bytes_per_s, each.name))
 
 
-def _edges(points: Sequence[_Point]) -> tuple[float, float]:
+def _edges(points: Sequence[TradeOffPoint]) -> tuple[float, float]:
     """Return below and above which value one is far from the others, and beyond their whiskers, which are drawn."""
     if len(points) < _ENOUGH:
         return -math.inf, math.inf
@@ -145,7 +157,7 @@ def pareto_front(rates: Sequence[float], values: Sequence[float], less: bool) ->
     return front
 
 
-def _draw_points(panel: Any, points: Sequence[_Point], less: bool) -> None:
+def _draw_points(panel: Any, points: Sequence[TradeOffPoint], less: bool) -> None:
     places = place_bytes(panel, [each.bytes_per_s for each in points], _NAMES_DECADES)
     means = [each.value.mean for each in points]
     front = pareto_front([each.bytes_per_s for each in points], means, less)
@@ -165,7 +177,7 @@ def _draw_points(panel: Any, points: Sequence[_Point], less: bool) -> None:
     panel.legend(loc="lower right")
 
 
-def _label(figure: Figure, panel: Any, points: Sequence[_Point]) -> None:
+def _label(figure: Figure, panel: Any, points: Sequence[TradeOffPoint]) -> None:
     """Write the names beside the markers, with lines to those that had to move."""
     figure.draw_without_rendering()  # so that the axes are where they will be
     to_pt = 72 / figure.dpi

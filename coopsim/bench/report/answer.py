@@ -103,7 +103,7 @@ def _shared(table: ResultTable, metric: str, best: int, known: dict[int, Change]
     if metric == CRASH:
         question = "Do messages prevent crashes?"
         text = f"with {policy} the car crashes in {found.sharing:.0f} % instead of {found.alone:.0f} % of "
-        text += f"{found.pairs} episodes: {found.less} crashes avoided, {found.more} caused, a difference of "
+        text += f"{found.pairs} episodes: {_crashes(found.less)} avoided, {found.more} caused, a difference of "
         text += f"{difference_text(found.change, '.0f')} points"
     else:
         question, form = f"Do messages help to {_deed(metric)}?", form_of(metric)
@@ -112,6 +112,10 @@ def _shared(table: ResultTable, metric: str, best: int, known: dict[int, Change]
         text += f" over {table.samples.text}" * (found.pairs > 1)
     begin = _verdict(found, metric, len(known)) if found.pairs > 1 else f"In {table.samples.text}, which shows little"
     return Answer(question, f"{begin}: {text}.", tuple(points))
+
+
+def _crashes(count: int) -> str:
+    return f"{count} crash{'es' * (count != 1)}"
 
 
 def _kinds(table: ResultTable, metric: str, policy: int) -> Iterator[tuple[str, str]]:
@@ -151,8 +155,11 @@ def _others(table: ResultTable, metric: str, best: int, known: dict[int, Change]
     others = [k for k in known if k != best]
     if not others:
         return ""
-    gains = sum(is_gain(known[k], metric) for k in others)
-    text = f"{gains} of {len(others)} others gain, too"
+    gain = [known[k].policy for k in others if is_gain(known[k], metric)]
+    if len(others) == 1:
+        text = f"a gain is shown of {gain[0]}, too" if gain else f"no gain is shown of {known[others[0]].policy}"
+    else:
+        text = f"{len(gain)} of {len(others)} others gain, too" if gain else f"no gain is shown of {len(others)} others"
     level = [table.policies[k] for k, each in enumerate(compare_with_best(table, metric, calm(table))) if each.unbeaten]
     return f"{text}; {_listed(level)} not shown to differ from the best" if level else text
 
@@ -255,7 +262,7 @@ def _harm(attack: str, found: Change, metric: str, costs: Mapping[str, Sequence[
         values = f"{metric} is {format_value(found.sharing, form)} instead of {format_value(found.alone, form)}"
         return f"{begin}: under {attack}, {values} with {found.policy}, a difference of {difference}."
     rates = f"crashes in {found.sharing:.0f} % instead of {found.alone:.0f} % of {found.pairs} episodes"
-    counts = f"{found.more} crashes caused, {found.less} avoided, a difference of {difference} points"
+    counts = f"{_crashes(found.more)} caused, {found.less} avoided, a difference of {difference} points"
     return f"{begin}: under {attack}, the car {rates} with {found.policy}: {counts}."
 
 

@@ -43,7 +43,7 @@ def leaderboard(table: ResultTable, metric: str) -> str:
             cells += [_cell(format_value(entry.undisturbed, form), entry.undisturbed)] * calm
             cells.append(_cell(format_value(entry.worst, form), entry.worst))
         if BYTES in table.metrics:
-            cells.append(_cell(format_value(entry.bytes_per_s, form_of(BYTES)), entry.bytes_per_s))
+            cells.append(_cell(format_value(entry.bytes_per_s, _form(BYTES)), entry.bytes_per_s))
         cells.append(_state(entry, len(table.conditions) * len(table.seeds)))
         if several:
             where = "" if entry.worst_condition is None else short_label(entry.worst_condition, table.conditions)
@@ -57,7 +57,7 @@ def condition_table(table: ResultTable, condition: int) -> str:
     metrics = [*table.shown, *([BYTES] if BYTES in table.metrics else [])]
     columns = []
     for name in metrics:
-        form = form_of(name)
+        form = _form(name)
         intervals = [table.interval(name, values) for values in table.values(name)[:, condition]]
         means = [format_value(each.mean, form) for each in intervals]
         competing = [mean for mean, policy in zip(means, table.policies, strict=True) if policy not in table.bounds]
@@ -105,7 +105,16 @@ def failures(table: ResultTable) -> str:
 def _best(shown: Sequence[str], metric: str) -> str | None:
     """Return the best text of a column; None where all look alike."""
     numbers = {text for text in shown if text != "-"}
-    return (min if less_is_better(metric) else max)(numbers, key=float) if len(numbers) > 1 else None
+    return (min if less_is_better(metric) else max)(numbers, key=_number) if len(numbers) > 1 else None
+
+
+def _number(text: str) -> float:
+    return float(text.replace(",", ""))
+
+
+def _form(metric: str) -> str:
+    """Return the format of a metric in tables; bytes get commas."""
+    return f",{form_of(metric)}" if metric == BYTES else form_of(metric)
 
 
 def interval_html(interval: Interval, form: str = ".1f") -> str:

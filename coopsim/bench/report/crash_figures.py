@@ -10,7 +10,16 @@ from coopsim.bench.films.drive_moments import tracked
 from coopsim.bench.films.film import Rows, to_rows
 from coopsim.bench.films.recording import Recording
 from coopsim.bench.grid.labels import label
-from coopsim.bench.report.film_data import frame_data, home_of, map_data, only, place_data, rows_data, tracks_data
+from coopsim.bench.report.film_data import (
+    frame_data,
+    home_of,
+    map_data,
+    news_data,
+    only,
+    place_data,
+    rows_data,
+    tracks_data,
+)
 from coopsim.bench.report.film_section import Figure, Panel
 from coopsim.bench.report.keys import FALSE_NOTE, SCENE
 from coopsim.bench.report.space_data import pair_view
@@ -86,7 +95,7 @@ def _side(run: Recording, first_s: float, last_s: float, home: Floats) -> dict[s
     shown = np.flatnonzero((drive.time_s > first_s - 1e-6) & (drive.time_s < last_s + 1e-6))
     if run.events.crash_s is not None:
         shown = shown[drive.time_s[shown] < run.events.crash_s + 1e-6]
-    frames, tracks, marks = [], [], []
+    frames, tracks, news, marks = [], [], [], []
     for k in shown.tolist():
         reported = min(k, len(drive) - 2)
         frame = run.film.frames[reported]
@@ -95,13 +104,14 @@ def _side(run: Recording, first_s: float, last_s: float, home: Floats) -> dict[s
             made |= {"truth": rows_data(_bodies(run, k), home), "agents": _agents(run, k, made["agents"], home)}
         frames.append(made)
         tracks.append(tracks_data(only(frame.tracks, run.agent), home))
+        news.append(news_data({run.agent: run.film.news(run.agent, reported)}))
         there = np.flatnonzero(drive.in_conflict & np.isfinite(drive.boxes[k, :, 0]))
         met = [[*place_data(drive.boxes[k, a, :2], home), bool(known[reported, a])] for a in there.tolist()]
         arrived = [name for name in sorted(run.film.reached(run.agent, k)) if name in run.others(reported)]
         marks.append({"met": met, "arrived": arrived, "crash": bool(drive.crashed[k])})
     x, y, length, _, yaw = drive.car[-1].tolist()
     front = place_data((x + length / 2 * np.cos(yaw), y + length / 2 * np.sin(yaw)), home)
-    return {"frames": frames, "runs": [{"tracks": tracks}], "marks": marks, "crash": front}
+    return {"frames": frames, "runs": [{"tracks": tracks, "news": news}], "marks": marks, "crash": front}
 
 
 def _bodies(run: Recording, k: int) -> Rows:

@@ -78,6 +78,11 @@ def tracks_data(tracks: Mapping[str, Rows], home: Floats) -> dict[str, str]:
     return {agent: rows_data(rows, home) for agent, rows in tracks.items()}
 
 
+def news_data(news: Mapping[str, Mapping[int, float]]) -> dict[str, list[list[float]]]:
+    """Return the news of a frame by agent, see `Film.news`: ids, each with the share of its time that has passed."""
+    return {agent: [[each, round(share, 3)] for each, share in ages.items()] for agent, ages in news.items() if ages}
+
+
 def only(tracks: Mapping[str, Rows], agent: str) -> dict[str, Rows]:
     """Return the tracks of one agent, if it has any."""
     return {name: rows for name, rows in tracks.items() if name == agent}

@@ -12,6 +12,7 @@ _WORDS = {
     "agent": "other agent",
     "track": "its track of an object",
     "false": "false track: nothing is there",
+    "news": "a message has just told of it",
     "hidden": "what the car must not touch, without a track of it",
     "known": "the same, with a track of it",
     "told": "message that arrives",
@@ -25,13 +26,14 @@ _COLORS = {
     "ego": palette.AGENT,
     "agent": palette.CONNECTED,
     "track": palette.TRACK,
+    "news": palette.CONNECTED,
     "hidden": palette.TRUTH,  # of its ring, which is white in the views: they are dark, and the page may be light
     "known": palette.TRACK,
     "told": palette.CONNECTED,
 }
 """Colours of marks, as in the views."""
 
-SCENE = ("truth", "ego", "agent", "track", "false")
+SCENE = ("truth", "ego", "agent", "track", "false", "news")
 """Marks of every view."""
 
 FALSE_NOTE = """Detectors report objects where nothing is, and trackers follow some of them: such false tracks are part

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from coopsim.bench.films.film import FilmFrame, Rows
-from coopsim.bench.report.film_data import frame_data, home_of, map_data, tracks_data
+from coopsim.bench.report.film_data import frame_data, home_of, map_data, news_data, tracks_data
 from coopsim.bench.report.formats import template
 from coopsim.bench.report.keys import FALSE_NOTE, SCENE, keys_html
 from coopsim.bench.report.space_data import SpaceView, space_html
@@ -27,13 +27,14 @@ from coopsim.world.snapshot import RoadMap
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneRun:
     """Run of one policy: its label ("late_fusion, 300 ms"), mean rewards over agents (F,), and tracks in the world
-    frame, per frame and by reporting agent. Runs of one policy have one colour.
+    frame, per frame and by reporting agent, and news (`Film.news`), too. Runs of one policy have one colour.
     """
 
     label: str
     policy: str
     rewards: Floats
     tracks: Sequence[Mapping[str, Rows]]
+    news: Sequence[Mapping[str, Mapping[int, float]]] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +78,7 @@ class Scene:
                     "group": run.policy,
                     "score": np.round(run.rewards, 4).tolist(),
                     "tracks": [tracks_data(frame, home) for frame in run.tracks],
+                    "news": [news_data(frame) for frame in run.news],
                 }
                 for run in self.runs
             ],

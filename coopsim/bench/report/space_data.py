@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from coopsim.bench.films.film import Film, FilmFrame
-from coopsim.bench.films.space import ANGLE_RAD, CLOUD_M, FLAT, KINDS, LENGTH_M, SCORE, Solid, SpaceFrame
+from coopsim.bench.films.space import ANGLE_RAD, CLOUD_M, FLAT, KINDS, LENGTH_M, SCORE, Solid, SpaceFrame, short_ids
 from coopsim.viz import palette
 from coopsim.world.places.signals import stop_bars
 
@@ -22,6 +22,7 @@ SPACE_SCRIPTS = ("space_gl.js", "space_world.js", "space.js")
 """Files of the template that draw views in three dimensions."""
 
 _LEVEL = 6  # of zlib: 9 takes three times as long for a hundredth
+_NOTHING = np.zeros(0, dtype=np.int64)
 _NO_ROWS = np.zeros((0, 9), dtype=np.int32)
 
 
@@ -120,7 +121,7 @@ def pair_view(labels: Sequence[str], films: Sequence[Film], agent: str, first: i
 
 
 def _conflict(film: Film) -> list[int]:
-    return [] if film.drive is None else film.drive.drive.ids[film.drive.drive.in_conflict].tolist()
+    return [] if film.drive is None else short_ids(film.drive.drive.ids[film.drive.drive.in_conflict]).tolist()
 
 
 def _deflated(*arrays: NDArray[Any]) -> str:
@@ -152,7 +153,7 @@ def _world(frame: FilmFrame, names: Sequence[str]) -> dict[str, Any]:
     there = [name for name in names if name in space.bodies]
     clouds = [space.clouds.get(name, np.zeros((0, 6), np.uint8)) for name in there]
     masks = [np.packbits(space.ground[name], bitorder="little") for name in there if name in space.ground]
-    saw = [np.isin(space.truth[:, 0], space.seen.get(name, ())).astype(np.uint8) for name in there]
+    saw = [np.isin(space.truth[:, 0], short_ids(space.seen.get(name, _NOTHING))).astype(np.uint8) for name in there]
     whole = [*(space.bodies[name] for name in there), space.truth]
     return {
         "agents": [

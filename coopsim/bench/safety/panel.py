@@ -98,6 +98,8 @@ class Panel:
             for radius_px in (5, 9):
                 above.ring(place, palette.CONNECTED, radius_px)
         self._car(now.car, now.acceleration_m_s2)
+        for place, share in now.news:
+            above.ring(place, _faded(1 - share), (1.5 + 4 * share) * self._px_per_m, 2)
         for sender, age_s in record.arrivals(time_s, _SHOWN_S):
             if sender in now.agents:
                 self._message(now.agents[sender], now.car[:2], 1 - age_s / _SHOWN_S)
@@ -136,10 +138,7 @@ class Panel:
             above.line(ends, BRAKE, 2 + 4 * strength)
 
     def _message(self, sender: Floats, receiver: Floats, freshness: float) -> None:
-        red, green, blue = (
-            round(c * freshness + b * (1 - freshness)) for c, b in zip(TOLD, palette.MAP["lanes"], strict=True)
-        )
-        self._above.line(np.stack([sender, receiver]), (red, green, blue), 3 if freshness > 0.5 else 2)
+        self._above.line(np.stack([sender, receiver]), _faded(freshness), 3 if freshness > 0.5 else 2)
 
     def _burst(self, car: Floats) -> None:
         """Draw a star at the car's front."""
@@ -147,6 +146,13 @@ class Panel:
         turns, radii = np.arange(20) * math.pi / 10, np.where(np.arange(20) % 2, 26.0, 13.0) / self._px_per_m
         spikes = front + radii[:, None] * np.column_stack([np.cos(turns), np.sin(turns)])
         self._above.shape(spikes, None, CRASH, 2)
+
+
+def _faded(freshness: float) -> palette.RGB:
+    """Return the colour of messages, nearer to that of the road the older one is."""
+    both = zip(TOLD, palette.MAP["lanes"], strict=True)
+    red, green, blue = (round(c * freshness + b * (1 - freshness)) for c, b in both)
+    return red, green, blue
 
 
 def width_of(text: str, size_px: int) -> float:

@@ -68,7 +68,7 @@ class SumoWorld:
         self.static: tuple[StaticPart, ...] = scenario.static
         self._layout, self._population = scenario.layout, scenario.population
         self._lights = SumoLights(engine.sumo, scenario.layout, middle)
-        self.map: RoadMap = scenario.layout.road_map
+        self.map: RoadMap = scenario.road_map
         self._number = {name: k for k, name in enumerate(self._cars, start=1)}  # the ids of actors
         self._travelled_m = np.zeros(len(self._cars) + 1)
         self._crashed: set[str] = set()

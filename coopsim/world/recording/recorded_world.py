@@ -67,7 +67,7 @@ class PlayedWorld:
     """
 
     def __init__(self, episode: Episode, scenario: Scenario) -> None:
-        self.models, self.static, self.map = scenario.models, scenario.static, scenario.layout.road_map
+        self.models, self.static, self.map = scenario.models, scenario.static, scenario.road_map
         if list(episode.header.models.items()) != list(_sizes(self.models).items()):
             changed = _difference(episode.header.models, _sizes(self.models))
             raise RecordingError(

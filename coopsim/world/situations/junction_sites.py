@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import chain, product
 
 import numpy as np
 
@@ -83,11 +83,11 @@ def junction_sites(
     tried = 0
     for road in order:
         choices = [[other for other in movements if _is_met(layout, road, other, met, goes)] for met, _ in others]
-        for chosen in product(*choices):
-            found = [_meeting(layout, road, other) for other in chosen]
-            met_m = [each for each in found if each is not None]
-            if len(met_m) < len(found):
-                continue
+        # Each pair is looked at once, however many combinations it is part of.
+        where = {other: _meeting(layout, road, other) for other in dict.fromkeys(chain(*choices))}
+        meet_m = {other: at for other, at in where.items() if at is not None}
+        for chosen in product(*([other for other in each if other in meet_m] for each in choices)):
+            met_m = [meet_m[other] for other in chosen]
             tried += 1
             if tried > _TRIES:
                 return

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from coopsim.support.checks import require_count
+from coopsim.support.checks import require_choice, require_count
 from coopsim.world.drawn_places import choose_scenarios, find_drawer
 from coopsim.world.places.layout import Layout
 from coopsim.world.scenario import EpisodeScenarios, Scenario
@@ -30,11 +30,13 @@ class RouteDrive(Situation):
         vehicles: cars and trucks, the ego among them.
         pedestrians: people on foot.
         parked: vehicles at the kerb, in drawn towns and on maps.
+        routes: file of CARLA's routes for a `place` that is a map, see `MapOptions`; None: routes are drawn.
     """
 
     vehicles: int = 40
     pedestrians: int = 20
     parked: int = 24
+    routes: str | None = None
     over_s: float = 180.0
 
     _made: dict[Any, EpisodeScenarios] = field(default_factory=dict, init=False, repr=False)
@@ -81,5 +83,8 @@ class RouteDrive(Situation):
         }
         known = {} if drawer is None else {each.name for kind in drawer.kinds for each in fields(kind)}
         wishes: dict[str, Any] = {"place_seed": self.place_seed, **_WISHES}
+        if self.routes is not None:
+            require_choice("option of this place", "routes", known)
+            wishes["routes"] = self.routes
         numbers |= {name: value for name, value in wishes.items() if name in known}
         return choose_scenarios(found, detail=self.detail, drawer=drawer, **numbers)

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
-from coopsim.types.driving import NO_LIGHT, Command, Route, approached
+from coopsim.types.driving import Command, Route, approached
 from coopsim.types.messages import MANEUVERS
 from coopsim.world.places.layout import CLEARANCE_M
 from coopsim.world.places.road_network import Road
 from coopsim.world.places.signals import Signal
-from coopsim.world.traffic.asked import count_red, stop_line_m
+from coopsim.world.traffic.asked import count_reds, stop_line_m
 from coopsim.world.traffic.drivers import ACC_MAX, change_lane, drive, follow, is_reachable, nearest_on_route, stop_at
 from coopsim.world.traffic.fleet import CHAUFFEURED, PARKED, PEDALLED, STEERED, TOWN, UNYIELDING, Fleet, bodies_of
 from coopsim.world.traffic.lanes import LaneArrays, NumberedNetwork
@@ -90,6 +90,8 @@ class ArrayEngine:
         _act(self._network, fleet.rows, fleet.routes, bodies_of(fleet.rows, people), movements)
         move(self._network, fleet.rows, dt_s)
         collide(fleet.rows, bodies_of(fleet.rows, people), dt_s)
+        if movements.light.any():
+            count_reds(self._network, fleet.rows, fleet.routes, movements)
 
     def way_ahead(self, fleet: Fleet, row: int) -> Route:
         """Return the way ahead of the vehicle in a row, in its own frame."""
@@ -127,11 +129,8 @@ def closest_speed(speeds: Floats, speed: float) -> int:
 def _act(network: LaneArrays, rows: NDArray[Any], routes: Ints, bodies: NDArray[Any], movements: Movements) -> None:
     """Decide steering and acceleration of all vehicles."""
     scene = Scene(network, rows, routes, bodies, list_along_lanes(network, bodies))
-    lit = np.any(movements.light != NO_LIGHT)
     for me in range(len(rows)):
         vehicle, route = rows[me], routes[me]
-        if lit and vehicle.driver in (CHAUFFEURED, PEDALLED, STEERED):
-            count_red(network, vehicle, route, movements.of_road, movements.light)
         if vehicle.driver == CHAUFFEURED:
             plan_ahead(network, vehicle, route)
             follow_road(network, vehicle, route)

@@ -16,7 +16,7 @@ from coopsim.geometry.se3 import Floats
 from coopsim.support.kernels import njit
 from coopsim.types import Ints
 from coopsim.types.driving import RED
-from coopsim.world.traffic.fleet import CHAUFFEURED, UNYIELDING, Vehicle
+from coopsim.world.traffic.fleet import CHAUFFEURED, PEDALLED, STEERED, UNYIELDING, Vehicle
 from coopsim.world.traffic.lane_geometry import local_coordinates
 from coopsim.world.traffic.lanes import POLYLINE, LaneArrays
 from coopsim.world.traffic.movements import FIRST, Movements
@@ -51,14 +51,31 @@ def line_ahead(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: 
 
 
 @njit(cache=True, nogil=True)
-def count_red(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: Ints, light: Ints) -> None:
-    """Count the movements that the middle of an agent's car begins while their light is red."""
-    k, line_m = line_ahead(network, vehicle, route, movement_of)
-    over = movement_of[route[k, 0]] + 1 if k >= 0 and line_m <= 0 else 0
-    if over > 0 and over != vehicle.over:
-        fresh = -line_m < _PASSED_M + _PASSED_S * vehicle.speed  # a steered car may change to another one later
-        vehicle.red_lights += fresh and light[over - 1] == RED
-        vehicle.over = over
+def count_reds(network: LaneArrays, rows: NDArray[Any], routes: Ints, movements: Movements) -> None:
+    """Count the red lights that agents' cars have just run: whose line the front crosses while the light is red."""
+    for me in range(len(rows)):
+        vehicle = rows[me]
+        if vehicle.driver in (CHAUFFEURED, PEDALLED, STEERED):
+            movement, beyond_m = _entered(network, vehicle, routes[me], movements.of_road)
+            if movement >= 0 and movement + 1 != vehicle.over:
+                # A steered car may change to another one when it is over the junction.
+                fresh = beyond_m < _PASSED_M + _PASSED_S * vehicle.speed
+                vehicle.red_lights += fresh and movements.light[movement] == RED
+                vehicle.over = movement + 1
+
+
+@njit(cache=True, nogil=True)
+def _entered(network: LaneArrays, vehicle: Vehicle, route: Ints, movement_of: Ints) -> tuple[int, float]:
+    """Return the last movement that the front of a vehicle has entered (-1: none), and how far it is beyond, m."""
+    entered, beyond_m = -1, 0.0
+    ahead_m = vehicle.length / 2 - start_of_route(network, vehicle, route)
+    for k in range(vehicle.route_length):
+        if ahead_m < 0:
+            break
+        if movement_of[route[k, 0]] >= 0:
+            entered, beyond_m = movement_of[route[k, 0]], ahead_m
+        ahead_m -= network.lanes[lane_of_route(network, vehicle, route, k)].length
+    return entered, beyond_m
 
 
 @njit(cache=True, nogil=True)

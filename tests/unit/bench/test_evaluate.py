@@ -95,7 +95,7 @@ def closed(monkeypatch: pytest.MonkeyPatch) -> list[CooperativeEnv]:
 
 def test_same_seed_same_score_whoever_makes_the_policy() -> None:
     first = coopsim.evaluate("late_fusion", seed=3, loss=0.2, **SHORT)
-    again = coopsim.evaluate(coopsim.make_policy("late_fusion"), "crossing-v2", seed=3, loss=0.2, **SHORT)
+    again = coopsim.evaluate(coopsim.make_policy("late_fusion"), "crossing-v3", seed=3, loss=0.2, **SHORT)
     other = coopsim.evaluate("late_fusion", seed=4, loss=0.2, **SHORT)
     assert first.score.to_dict() == again.score.to_dict() != other.score.to_dict()
     np.testing.assert_array_equal(first.rewards, again.rewards)
@@ -188,7 +188,7 @@ def test_bad_input(recordings: Path, policy: Any, options: dict[str, Any], error
 
 
 def test_unknown_environments_suggest() -> None:
-    with pytest.raises(UnknownNameError, match="Did you mean 'highway-v2'"):
+    with pytest.raises(UnknownNameError, match="Did you mean 'highway-v3'"):
         coopsim.evaluate(Echo(), "higway")
 
 

@@ -94,7 +94,7 @@ def test_a_grid_file_may_name_environments(tmp_path: Path, capsys: pytest.Captur
     grid = tmp_path / "grid.yaml"
     grid.write_text("policies: [no_fusion]\nenvironments: [crosing]\n")
     assert main(["bench", "--grid", str(grid), "--out", str(tmp_path / "out"), "--dry-run"]) == 2
-    assert f"{grid}:2: unknown environment 'crosing'. Did you mean 'crossing-v2'" in capsys.readouterr().err
+    assert f"{grid}:2: unknown environment 'crosing'. Did you mean 'crossing-v3'" in capsys.readouterr().err
     grid.write_text("policies: [no_fusion]\nenvironments: [crossing]\nscenarios: [crossing]\n")
     assert main(["bench", "--grid", str(grid), "--dry-run"]) == 2
     assert "one list too many" in capsys.readouterr().err

@@ -129,7 +129,7 @@ def test_a_reward_without_parts_is_its_only_part() -> None:
 def test_gymnasiums_statistics_and_vectors_take_the_infos() -> None:
     options = {**HIDDEN, "max_cycles": 4}
     env = gymnasium.wrappers.RecordEpisodeStatistics(
-        Flatten(DrivingRows(gymnasium.make("coopsim/occluded_pedestrian-v2", **options)))
+        Flatten(DrivingRows(gymnasium.make("coopsim/occluded_pedestrian-v3", **options)))
     )
     infos, rewards = play(env, np.float32([0.0]), 0)
     assert infos[-1]["episode"]["r"] == pytest.approx(sum(rewards)) and infos[-1]["is_success"]

@@ -75,9 +75,10 @@ def test_a_planner_of_a_users_gets_them() -> None:
     assert Listens.got == [0] * 4
 
 
-def test_the_same_seed_gives_the_same_bits_in_two_workers_and_here() -> None:
+def test_the_same_seed_gives_the_same_bits_beside_another_environment_and_alone() -> None:
+    """That workers change no bits is a test of vectors."""
     options = {"lidar": None, "uplink": "intents", "latency_s": 0.1}
-    with coopsim.vector("crossing_path", 2, workers=2, **options) as made:
+    with coopsim.vector("crossing_path", 2, workers=0, **options) as made:
         observations, infos = made.reset(seed=3)
         for _ in range(2):
             observations, *_ = made.step([dict.fromkeys(each, NOTHING) for each in observations])

@@ -415,7 +415,7 @@ def test_a_wrong_seed_is_refused(seed: Any) -> None:
 
 
 def test_a_picture_is_drawn_and_closing_twice_is_fine() -> None:
-    env = gymnasium.make("coopsim/crossing-v2", render_mode="rgb_array", **SMALL)
+    env = gymnasium.make("coopsim/crossing-v3", render_mode="rgb_array", **SMALL)
     env.reset(seed=0)
     picture = env.render()
     assert isinstance(picture, np.ndarray) and picture.dtype == np.uint8 and picture.shape[2] == 3

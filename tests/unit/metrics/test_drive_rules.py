@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from drives import CAR, Thing, drive, scored, straight
 
-from coopsim.types.driving import GREEN, RED
 from coopsim.world.drivable_area import DrivableArea
 from coopsim.world.snapshot import RoadMap
 
@@ -16,16 +15,6 @@ STEADY = [0.0] * 20
 
 def goal(at_m: float):  # type: ignore[no-untyped-def]
     return lambda x: {"goal_m": at_m - x, "length_m": at_m}
-
-
-def line(at_m: float, colour: int):  # type: ignore[no-untyped-def]
-    """Return a light of a colour behind a line, over a junction of 20 m."""
-
-    def lights(x: float) -> dict[str, object]:
-        place = x + np.arange(101)
-        return {"lights": np.where((place >= at_m) & (place < at_m + 20), colour, 0)}
-
-    return lights
 
 
 def test_a_drive_without_a_goal_has_neither_completion_nor_success_and_its_score_is_its_progress() -> None:
@@ -50,23 +39,17 @@ def test_a_goal_is_reached_five_metres_before_it() -> None:
     assert values["driving_score"] == pytest.approx(60 * 19 / 25)  # the last frame before the crash is at 19 m
 
 
-def test_a_red_light_that_front_and_middle_pass_costs_three_tenths() -> None:
-    values = scored(drive(STEADY, route=lambda x: {**goal(25.0)(x), **line(12.0, RED)(x)}))
+def test_a_red_light_costs_three_tenths_and_those_of_the_crash_do_not_count() -> None:
+    """One is run at 10 m, another at 18 m."""
+    reds = {"state": lambda x: {"red_lights": (x >= 9.5) + (x >= 17.5)}}
+    values = scored(drive(STEADY[:15], route=goal(20.0), **reds))
     assert values["red_lights"] == 1
     assert values["lights_obeyed"] == values["epdms"] == values["success"] == 0
     assert values["driving_score"] == pytest.approx(70.0)
-
-
-def test_no_red_light_is_run_at_green_nor_by_a_car_that_stops_over_the_line() -> None:
-    assert scored(drive(STEADY, route=line(12.0, GREEN)))["red_lights"] == 0
-    stops = scored(drive(STEADY, route=line(21.5, RED)))  # the front ends 0.75 m behind the line
-    assert stops["red_lights"] == 0
-    assert stops["lights_obeyed"] == 100
-
-
-def test_a_light_that_turns_red_over_the_car_was_not_run() -> None:
-    turns = scored(drive(STEADY, route=lambda x: line(12.0, GREEN if x < 11.5 else RED)(x)))
-    assert turns["red_lights"] == 0
+    twice = scored(drive(STEADY, route=goal(25.0), **reds))
+    assert twice["red_lights"] == 2
+    assert twice["driving_score"] == pytest.approx(49.0)
+    assert scored(drive(STEADY[:9], **reds))["lights_obeyed"] == 100
 
 
 def test_the_way_off_the_road_does_not_count() -> None:
@@ -76,21 +59,58 @@ def test_the_way_off_the_road_does_not_count() -> None:
     assert values["in_drivable_area"] == values["epdms"] == values["success"] == 0
 
 
+def test_the_way_on_lanes_that_lead_the_other_way_does_not_count() -> None:
+    """As CARLA's `OutsideRouteLanesTest` has it; 5 of 20 steps, of which 2 are beside the road, too."""
+    values = scored(
+        drive(
+            STEADY,
+            route=goal(25.0),
+            state=lambda x: {"wrong_way": 4.5 < x < 9.5},
+            left=lambda x: (7.5 < x < 9.5, False),
+        )
+    )
+    assert values["driving_score"] == pytest.approx(75.0)
+    assert values["success"] == 0
+    assert scored(drive(STEADY, route=goal(25.0)))["success"] == 100
+
+
 def test_metres_against_the_traffic_count_within_a_second() -> None:
     directions = [
         scored(drive(STEADY, state=lambda x, long=long: {"wrong_way": 4.5 < x < 4.5 + long}))["right_direction"]
-        for long in (1.9, 5.9, 9.9)
+        for long in (1.1, 5.1, 6.1)
     ]
     assert directions == [100, 50, 0]
 
 
-def test_epdms_weighs_progress_time_and_comfort_five_five_two() -> None:
+def test_epdms_weighs_progress_time_lane_and_comfort_five_five_two_two() -> None:
     values = scored(drive(STEADY, limits=lambda x: 20.0))
-    assert values["epdms"] == pytest.approx((5 * 50 + 5 * 100 + 2 * 100) / 12)
+    assert values["epdms"] == pytest.approx((5 * 50 + 5 * 100 + 2 * 100 + 2 * 100) / 14)
     near = scored(drive(STEADY, [Thing(CAR, straight(28.0, 0.0, 0.0, 0.0))], limits=lambda x: 20.0))
     assert near["min_ttc"] == pytest.approx(0.35, abs=0.01)  # 3.5 m are left in the last frame
     assert near["ttc_in_bound"] == 0
-    assert near["epdms"] == pytest.approx((5 * 50 + 2 * 100) / 12)
+    assert near["epdms"] == pytest.approx((5 * 50 + 2 * 100 + 2 * 100) / 14)
+
+
+def test_who_comes_from_behind_or_meets_a_standing_car_breaks_no_bound_of_time() -> None:
+    behind = scored(drive(STEADY, [Thing(CAR, straight(-24.0, 0.0, 19.0, 0.0))]))
+    assert behind["min_ttc"] < 0.5 and behind["ttc_in_bound"] == 100
+    rammed = scored(drive(STEADY, [Thing(CAR, straight(-22.4, 0.0, 19.0, 0.0))], crashed=True))
+    assert rammed["min_ttc"] == 0 and rammed["ttc_in_bound"] == 100
+    met = scored(drive(STEADY, [Thing(CAR, straight(24.0, 0.0, -9.0, 0.0))], speed=0.0, limits=lambda x: 10.0))
+    assert met["min_ttc"] < 0.5 and met["ttc_in_bound"] == 100
+
+
+def beside_lane(*stretches_m: tuple[float, float]) -> float:
+    """Return how long a lane is kept that is 0.6 m to the left of the car in stretches, and else below it, per cent."""
+    within = lambda x: any(first - 0.5 < x < last - 0.5 for first, last in stretches_m)  # noqa: E731
+    return scored(drive([0.0] * 99, way_m=lambda x: 0.6 * within(x)))["lane_kept"]
+
+
+def test_a_lane_is_not_kept_half_a_metre_beside_its_middle_for_two_seconds() -> None:
+    assert beside_lane((10, 29)) == 100
+    assert beside_lane((10, 30)) == pytest.approx(80.0)
+    assert beside_lane((10, 29), (31, 56)) == pytest.approx(75.0)
+    assert scored(drive([0.0] * 99, way_m=lambda x: 0.45))["lane_kept"] == 100
 
 
 def test_a_crash_by_ones_own_fault_leaves_nothing_a_wall_half_and_that_of_another_all() -> None:

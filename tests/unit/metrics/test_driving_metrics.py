@@ -271,11 +271,6 @@ def test_progress_and_time_lost_compare_with_the_legal_speed() -> None:
     assert values["driving_score"] == pytest.approx(50.0, abs=1e-3)
 
 
-def test_discomfort_is_the_share_of_frames_with_strong_accelerations() -> None:
-    # 15 of 41 frames have -5 m/s² or less, but the acceleration of a step stands in the frame after it.
-    assert scored(drive([0.0] * 20 + [-5.0] * 15 + [0.0] * 5))["discomfort"] == pytest.approx(100 * 15 / 41)
-
-
 def test_several_drives_are_averaged_and_undefined_values_left_out() -> None:
     crash = drive(STEADY, [Thing(CAR, straight(14.45, 0.0, 0.0, 0.0))], crashed=True)
     values = scored(crash, drive(STEADY), drive(STEADY), drive(STEADY))

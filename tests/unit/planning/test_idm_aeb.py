@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from steered_drive import DT_S, LENGTH_M, WIDTH_M, Other, touches, tracks_of
 
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.interfaces.planner import PlannedCar, make_planner
@@ -21,24 +22,6 @@ from coopsim.types.driving import (
     Route,
 )
 from coopsim.types.taxonomy import ObjectClass
-
-DT_S, LENGTH_M, WIDTH_M = 0.1, 4.5, 1.9
-
-
-@dataclass
-class Other:
-    """An object with constant speed: its place at time 0, its velocity, its class, and from when it is seen."""
-
-    x: float
-    y: float
-    vx: float = 0.0
-    vy: float = 0.0
-    label: ObjectClass = ObjectClass.CAR
-    seen_from_s: float = 0.0
-
-    @property
-    def size(self) -> tuple[float, float, float]:
-        return (0.6, 0.6, 1.75) if self.label == ObjectClass.PEDESTRIAN else (4.5, 1.9, 1.6)
 
 
 @dataclass
@@ -67,21 +50,9 @@ def drive(
     out = Drive([], [], [])
     for k in range(int(seconds / DT_S)):
         time_s = k * DT_S
-        places = [(each, each.x + each.vx * time_s, each.y + each.vy * time_s) for each in others]
-        for each, x, y in places:
-            long, wide = (each.size[0], each.size[1]) if abs(each.vx) >= abs(each.vy) else (each.size[1], each.size[0])
-            if abs(x - at) < (long + LENGTH_M) / 2 and abs(y) < (wide + WIDTH_M) / 2 and out.crash_m_s is None:
-                out.crash_m_s = speed
-        seen = [(each, x - at, y) for each, x, y in places if time_s >= each.seen_from_s]
-        tracks = Tracks(
-            np.arange(len(seen)),
-            Boxes3D.from_array(
-                np.array([[x, y, 0.8, *each.size, np.arctan2(each.vy, each.vx)] for each, x, y in seen]).reshape(-1, 7)
-            ),
-            np.array([[each.vx, each.vy] for each, _, _ in seen]).reshape(-1, 2),
-            np.ones(len(seen)),
-            np.array([int(each.label) for each, _, _ in seen], dtype=np.int64),
-        )
+        if touches(others, time_s, at) and out.crash_m_s is None:
+            out.crash_m_s = speed
+        tracks = tracks_of(others, time_s, at)
         along = np.arange(121.0)
         limits = np.array([limit if bend(at + each) == 0 else bend(at + each) for each in along])
         route = Route(np.column_stack([along, np.zeros(121)]), 1.0, limits, np.full(121, right_of_way))

@@ -45,7 +45,7 @@ def test_it_is_back_or_stands_before_the_lane_ends() -> None:
     assert not driven.touched and max(driven.y) > 3.0 and 100 < driven.x[-1] < 120
 
 
-PERSON = Other(14.5, -1.1, label=ObjectClass.PEDESTRIAN, from_s=0.1)
+PERSON = Other(14.5, -1.1, label=ObjectClass.PEDESTRIAN, seen_from_s=0.1)
 
 
 def test_it_steers_around_what_braking_alone_would_hit() -> None:
@@ -55,7 +55,7 @@ def test_it_steers_around_what_braking_alone_would_hit() -> None:
 
 
 def test_it_brakes_and_keeps_straight_on_where_that_is_enough() -> None:
-    driven = drive(RouteFollower(), [Other(20.0, -1.1, label=ObjectClass.PEDESTRIAN, from_s=0.1)], seconds=4.0)
+    driven = drive(RouteFollower(), [Other(20.0, -1.1, label=ObjectClass.PEDESTRIAN, seen_from_s=0.1)], seconds=4.0)
     assert not driven.touched and np.abs(driven.y).max() < 0.1
 
 

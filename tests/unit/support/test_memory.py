@@ -35,12 +35,17 @@ del arrays
 before = process.memory_info().rss
 release_freed_memory()
 print(kept, (before - process.memory_info().rss) // 2**20)
+import gc
+later = [[] for _ in range(100)]
+release_freed_memory()
+print(gc.get_freeze_count() > 1000, any(each is later for each in gc.get_objects()))
 """
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="glibc's alone")
 def test_kept_memory_is_released_on_request() -> None:
-    """200 arrays of 1 MB are below the limit of what is kept."""
+    """200 arrays of 1 MB are below the limit of what is kept. What is loaded is looked through once, the new again."""
     done = subprocess.run([sys.executable, "-c", RELEASED], capture_output=True, text=True, check=True)
-    kept, released_mb = done.stdout.split()
+    kept, released_mb, loaded_is_frozen, new_is_looked_through = done.stdout.split()
     assert kept == "False" or int(released_mb) > 150
+    assert (loaded_is_frozen, new_is_looked_through) == ("True", "True")

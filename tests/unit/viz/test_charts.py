@@ -97,3 +97,17 @@ def test_points_stand_in_front_of_their_intervals_and_names_beside_them() -> Non
     bars, line = svg.index('id="LineCollection_1"'), svg.index(f"stroke: {COLORS[0]}; stroke-width: 1.3")
     assert bars < line and "late_fusion</text>" in svg
     assert svg == to_svg(chart, 3.5, 2.6), "the same numbers give the same bytes"
+
+
+def test_names_stand_level_with_the_ends_of_lines_on_a_logarithmic_scale_too() -> None:
+    places = []
+
+    def draw(figure: Any) -> None:
+        panel = figure.subplots()
+        panel.set(yscale="log", ylim=(1, 10_000))
+        look = policy_styles(["no_fusion"])["no_fusion"]
+        label_ends(panel, [("low", look, 2.0, 10.0), ("high", look, 2.0, 1000.0)], 2.0)
+        places.extend(each.xyann[1] for each in panel.texts)
+
+    to_svg(draw, 3.5, 2.6)
+    assert places == pytest.approx([0.25, 0.75])

@@ -36,11 +36,30 @@ def test_each_frame_begins_on_the_bare_ground() -> None:
     np.testing.assert_array_equal(above.done(), bare)
 
 
-def test_pavements_have_kerbs_which_roads_cover() -> None:
-    above = drawing(RoadMap((), (), (SQUARE,), ()))
+def test_pavements_have_kerbs_which_roads_cover_and_none_where_two_meet() -> None:
+    half = SQUARE * [0.5, 1.0]
+    above = drawing(RoadMap((), (), (half - np.array([2.0, 0.0]), half + np.array([2.0, 0.0])), ()))
     above.begin()
     picture = np.asarray(above.done())
-    assert tuple(picture[50, 10]) == palette.KERB and tuple(picture[50, 50]) == palette.MAP["pavements"]
+    assert tuple(picture[50, 9]) == palette.KERB and (picture[50, 11:89] == palette.MAP["pavements"]).all()
     above = drawing(RoadMap((1.1 * SQUARE,), (), (SQUARE,), ()))
     above.begin()
     assert not (np.asarray(above.done()) == palette.KERB).all(axis=-1).any()
+
+
+def test_trees_are_muted_and_cover_roads() -> None:
+    above = drawing(RoadMap((SQUARE,), (), (), (), trees=(0.5 * SQUARE,)))
+    above.begin()
+    picture = np.asarray(above.done())
+    tree, road = tuple(picture[50, 50].tolist()), tuple(picture[50, 15].tolist())
+    assert (tree, road) == (palette.MAP["trees"], palette.MAP["lanes"])
+    assert 10 < sum(abs(a - b) for a, b in zip(tree, road, strict=True)) < 60, "they are told apart, and not loud"
+
+
+def test_a_ring_is_as_wide_as_asked_for() -> None:
+    above, drawn = drawing(RoadMap((), (), (), ())), []
+    for width in (1, 3):
+        above.begin()
+        above.ring(np.zeros(2), palette.CONNECTED, 20, width)
+        drawn.append(int((np.asarray(above.done()) == palette.CONNECTED).all(axis=-1).sum()))
+    assert 2.5 * drawn[0] < drawn[1] < 3.5 * drawn[0]

@@ -1,8 +1,6 @@
 """The rooms of the world form no circle, and highway-env stays in its file."""
 
-import subprocess
-import sys
-
+from fork_server import run_python
 from import_graph import circles, file_graph, folder_graph
 
 WING = "coopsim.world.traffic.highway_env_engine"
@@ -22,5 +20,6 @@ for traffic in ("arrays", "highway-env"):
     env.reset(seed=0)
     print("highway_env" in sys.modules)
 """
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    run = run_python(code)
+    assert run.returncode == 0, run.stderr
     assert run.stdout.split()[-2:] == ["False", "True"]

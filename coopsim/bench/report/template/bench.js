@@ -269,7 +269,7 @@ document.querySelectorAll("[data-pair]").forEach((figure) => {
       const side = sides[canvas.dataset.side];
       const index = Math.min(wanted, side.frames.length - 1); // after a crash, or the episode, it stands
       const view = { agent: side.agent, eye: pair.eye ?? placeOf(side, index), span: pair.span, layers: LAYERS };
-      drawFromAbove(canvas, side, index, side.runs[0].tracks, view);
+      drawFromAbove(canvas, side, index, side.runs[0], view);
       if (side.lies) drawLies(canvas, side, index, view);
       if (side.marks) drawMarks(canvas, side, index, view);
     });

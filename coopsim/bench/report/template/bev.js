@@ -38,8 +38,8 @@ const nice = (least) => {
   return power * [1, 2, 5, 10].find((digit) => digit * power >= least * 0.999);
 };
 
-/** Draw one frame with the tracks of `agent`: `eye` is the world's point in the middle, `span` metres the width. */
-function drawFromAbove(canvas, scene, index, tracks, { agent, eye, span, layers }) {
+/** Draw one frame of a run as `agent` knows it: `eye` is the world's point in the middle, `span` metres the width. */
+function drawFromAbove(canvas, scene, index, run, { agent, eye, span, layers }) {
   const [context, width, height] = fit(canvas);
   const scale = width / span;
   const toX = (x) => width / 2 + (x - eye[0]) * scale;
@@ -54,12 +54,12 @@ function drawFromAbove(canvas, scene, index, tracks, { agent, eye, span, layers 
       polygon.forEach(([x, y], k) => (k ? context.lineTo(toX(x), toY(y)) : context.moveTo(toX(x), toY(y))));
       context.closePath();
     }
+    if (edge) context.stroke(); // under all of them, so that no joint has a kerb
     context.fill("nonzero");
-    if (edge) context.stroke();
   };
   const { bars, ...ground } = scene.map;
   context.strokeStyle = scene.colors.kerb;
-  context.lineWidth = 1;
+  context.lineWidth = 2;
   for (const [name, polygons] of Object.entries(ground)) fill(polygons, scene.colors[name], name === "pavements");
   const frame = scene.frames[index];
   [...frame.lights].forEach((letter, k) => fill([bars[k]], scene.colors[letter]));
@@ -95,7 +95,10 @@ function drawFromAbove(canvas, scene, index, tracks, { agent, eye, span, layers 
     outline(frame.truth, body);
     if (name === agent) context.fill();
   }
-  if (layers.tracks) drawTracks(context, scene, index, tracks, agent, { spot, outline, write, ids: layers.ids });
+  if (layers.tracks) {
+    drawTracks(context, scene, index, run.tracks, agent, { spot, outline, write, ids: layers.ids });
+    drawNews(context, scene, frame.truth, run.news[index]?.[agent] ?? [], spot, scale);
+  }
   for (const [name, x, y] of frame.agents) {
     context.fillStyle = colorOf(name);
     write(name, toX(x) + 8, toY(y) - 8);
@@ -104,6 +107,23 @@ function drawFromAbove(canvas, scene, index, tracks, { agent, eye, span, layers 
   context.fillStyle = scene.colors.text;
   context.fillRect(12, height - 14, metres * scale, 3);
   write(`${+metres.toPrecision(1)} m`, 12, height - 20);
+}
+
+/** Rings that spread about what a message has just told of, by ids in `news` with the share of their time that is over. */
+function drawNews(context, scene, truth, news, spot, scale) {
+  const ages = new Map(news);
+  context.save();
+  context.strokeStyle = scene.colors.connected;
+  context.lineWidth = 2.5;
+  for (let k = 0; k < truth.length; k += BOX) {
+    const age = ages.get(truth[k]);
+    if (age === undefined) continue;
+    context.globalAlpha = 1 - age;
+    context.beginPath();
+    context.arc(...spot(truth, k), (1.5 + 4 * age) * scale, 0, 7);
+    context.stroke();
+  }
+  context.restore();
 }
 
 /** The path of a box about a `spot` of the canvas, with a line to its front, or `crossed` out. */

@@ -16,8 +16,10 @@ const linesOf = (name) => {
   const at = name.search(/[( ]/);
   return at > 0 ? [name.slice(0, at), name.slice(at).trim()] : [name];
 };
-const [MOST_LABELS, LETTER_PX, LABEL_PX] = [6, 6.2, 150];
-const widthOf = (names) => LETTER_PX * Math.max(...names.flatMap(linesOf).map((line) => line.length)) + 14;
+const [MOST_LABELS, LABEL_PX] = [6, 165];
+const pen = document.createElement("canvas").getContext("2d");
+pen.font = "12px system-ui, sans-serif"; // as `.plot` has it
+const widthOf = (names) => Math.max(...names.flatMap(linesOf).map((line) => pen.measureText(line).width)) + 12;
 const fitBeside = (names) => names.length <= MOST_LABELS && widthOf(names) <= LABEL_PX;
 
 /** Places that rise as the given ones do, and are `gap` apart: moved as little as need be. */

@@ -95,7 +95,7 @@ function drawChart() {
 
 function draw() {
   const shown = { agent: state.agent, eye: eye(), span: view.span, layers };
-  panels.forEach((canvas) => drawFromAbove(canvas, scene, state.frame, runs[state.shown[canvas.dataset.panel]].tracks, shown));
+  panels.forEach((canvas) => drawFromAbove(canvas, scene, state.frame, runs[state.shown[canvas.dataset.panel]], shown));
   drawChart();
   document.getElementById("time").value = state.frame;
   document.getElementById("clock").value = `${(state.frame * scene.dt_s).toFixed(1)} s`;

@@ -37,7 +37,7 @@ class LoggedWorld:
         self._start_s, self._end_s, self._connected = choice.start_s, choice.end_s, choice.connected
         self.models, self._model = fitted_models(log.label, log.size, scenario.models, seed)
         self.static: tuple[StaticPart, ...] = scenario.static
-        self.map = scenario.layout.road_map
+        self.map = scenario.road_map
         self._layout, self._population = scenario.layout, scenario.population
         ids = np.arange(1, len(log.ids) + 1)
         self._colors = draw_colors(seed, ids, log.label, dirty=scenario.detail != "plain")

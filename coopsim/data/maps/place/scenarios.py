@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from coopsim.data.maps.place.candidates import Places, places_of
+from coopsim.data.maps.place.carla_routes import GivenRoute, read_routes, require_radius, start_on
 from coopsim.data.maps.place.cut import cut_out, distances_m
 from coopsim.data.maps.place.describe import describe_place
 from coopsim.data.maps.reading import read_map
@@ -39,6 +40,7 @@ RADII_M = (60.0, 600.0)
 
 _KEPT_MAPS, _KEPT_PLACES = 2, 4
 _USUAL = Population(vehicles=30, pedestrians=15, connected_cars=3, rsus=1, parked=40, bicycles=4)
+_FEWEST = 3  # vehicles of which one surely has the first start
 _FREE_SHARE = 0.6  # of starts: no more are taken
 
 
@@ -53,17 +55,22 @@ class MapOptions:
         seed_places: another place, or other surroundings `around` the same one, for every place seed; False: all
             episodes are in the same place.
         demand: file of SUMO's demand for the map (.rou.xml): vehicles turn, start and come in as often as it says.
+        routes: file of routes of CARLA's leaderboard (.xml). `cav_0` starts on the one whose turn it is by the place
+            seed, in a place around it; steered, it has its end as the goal, and others have goals as far.
     """
 
     around: tuple[float, float] | str | None = None
     radius_m: float = 250.0
     seed_places: bool = True
     demand: str | Path | None = None
+    routes: str | Path | None = None
 
     def __post_init__(self) -> None:
         require_between(*RADII_M, radius_m=self.radius_m)
         require_flag(seed_places=self.seed_places)
         object.__setattr__(self, "radius_m", float(self.radius_m))
+        if self.routes is not None and self.around is not None:
+            raise InvalidValueError(f"around must be left out with routes, got {self.around!r}")
         if self.around is not None:
             object.__setattr__(self, "around", as_point(self.around))
 
@@ -138,12 +145,18 @@ def _read(path: str, demand: str | None, states: Any) -> _File:
 
 
 @lru_cache(_KEPT_PLACES)
-def draw_place(file: _File, options: MapOptions, place_seed: int, needs: _Needs) -> Place:
-    """Draw a place of a map: that `around` a point, else the one whose turn it is, or the next one that can be driven.
+def draw_place(
+    file: _File, options: MapOptions, place_seed: int, needs: _Needs, route: GivenRoute | None = None
+) -> Place:
+    """Draw a place of a map: that of a route or `around` a point, else the one whose turn it is, or a next one.
 
     Raises:
         InvalidValueError: nothing can be driven there; says why.
     """
+    if route is not None:
+        require_radius(route, RADII_M[1])
+        wide = replace(options, radius_m=max(options.radius_m, route.radius_m))
+        return _built(file, wide, route.around, place_seed, replace(needs, stays=0))
     if options.around is not None:
         assert not isinstance(options.around, str), "it was read"
         _require_near(file, options.around)
@@ -162,6 +175,22 @@ def draw_place(file: _File, options: MapOptions, place_seed: int, needs: _Needs)
         f"{file.path} has no place with radius_m={options.radius_m:g} that can be driven: {said}. Accepted: another "
         "radius_m, or around=(x, y)"
     )
+
+
+def _routes_of(options: MapOptions) -> tuple[GivenRoute, ...]:
+    return () if options.routes is None else read_routes(options.routes)
+
+
+def _whose_turn(routes: Sequence[GivenRoute], place_seed: int) -> GivenRoute | None:
+    return routes[place_seed % len(routes)] if routes else None
+
+
+@lru_cache(_KEPT_PLACES)
+def _started(
+    file: _File, options: MapOptions, place_seed: int, needs: _Needs, route: GivenRoute
+) -> tuple[Layout, float]:
+    """Return the place of a route with the start there, and the length of the route, m."""
+    return start_on(draw_place(file, options, place_seed, needs, route).make_layout(), route, route.around)
 
 
 def _require_near(file: _File, around: tuple[float, float]) -> None:
@@ -221,6 +250,7 @@ class MapScenarios(EpisodeScenarios):
         self.name = file.name
         self._file, self._options, self._density, self._detail = file, options, density, detail or "full"
         self._seeds = seeds if options.seed_places or seeds.place_seed is not None else PlaceSeeds(0)
+        self._routes = _routes_of(options)
         self._asked = {"rsus": _USUAL.rsus, "drones": 0, **numbers}
         if numbers.get("penetration") is None:
             self._asked.setdefault("connected_cars", _USUAL.connected_cars)
@@ -251,13 +281,20 @@ class MapScenarios(EpisodeScenarios):
     def of(self, seed: int) -> Scenario:
         """Return the scenario of the place that belongs to the episode with this seed."""
         place_seed = self._seeds.of(seed)
-        place = draw_place(self._file, self._options, place_seed, self._needs)
+        route = _whose_turn(self._routes, place_seed)
+        place = draw_place(self._file, self._options, place_seed, self._needs, route)
         layout = place.make_layout()
         most = max(self._needs.starts, int(_FREE_SHARE * len(layout.slots)))
         population = self._fitting(self._wanted(replace(_USUAL, vehicles=min(_USUAL.vehicles, most))), layout)
         population = population.within(most, *rooms(layout)[0][1])  # more would stand in jams
         made = make_scenario(place, detail=self._detail, **population.numbers)
-        return replace(made, name=self.name, place_seed=place_seed)
+        made = replace(made, name=self.name, place_seed=place_seed)
+        if route is None:
+            return made
+        if sum(population.on_roads.values()) < _FEWEST:
+            raise InvalidValueError(f"vehicles must be at least {_FEWEST} with routes, got {population.vehicles}")
+        layout, length_m = _started(self._file, self._options, place_seed, self._needs, route)
+        return replace(made, layout=layout, route_m=(length_m, length_m))
 
     def _wanted(self, usual: Population) -> Population:
         return Population(**wanted_numbers(self.name, usual, self._density, self._asked))
@@ -280,7 +317,8 @@ class MapPlaces(DrawnPlaces):
         self._path = path
 
     def place(self, place_seed: int, options: Any) -> Place:
-        return draw_place(self._opened(options), options, place_seed, _Needs(0, 0))
+        route = _whose_turn(_routes_of(options), place_seed)
+        return draw_place(self._opened(options), options, place_seed, _Needs(0, 0), route)
 
     def scenarios(
         self, seeds: PlaceSeeds, options: Any, density: float, detail: str | None, numbers: Mapping[str, Any]

@@ -14,6 +14,7 @@ from coopsim.bench.engine.engine import Engine
 from coopsim.bench.entries import fixed_run
 from coopsim.cli import main
 from tests.helpers.entries import make_entry, tiny_grid
+from tests.helpers.made_once import made_once
 
 
 @pytest.fixture(scope="module")  # not of the package, which outlives its tests where several processes take turns
@@ -32,10 +33,13 @@ def tiny_runs() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def measured(tiny_runs: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An entry with scores, made by the commands."""
-    folder = make_entry(tmp_path_factory.mktemp("entries") / "mine")
-    assert main(["entry", "warm-up", str(folder)]) == 0
-    assert main(["entry", "score", str(folder)]) == 0
-    return folder
+
+    def make(folder: Path) -> None:
+        entry = make_entry(folder / "mine")
+        assert main(["entry", "warm-up", str(entry)]) == 0
+        assert main(["entry", "score", str(entry)]) == 0
+
+    return made_once(tmp_path_factory, "entry_with_scores", make) / "mine"
 
 
 @pytest.fixture

@@ -35,6 +35,7 @@ def test_nothing_is_lost_and_the_bytes_are_the_same(path: Path) -> None:
             np.testing.assert_array_equal(points, two.points[name])
         np.testing.assert_array_equal(one.tracks["cav_0"], two.tracks["cav_0"])
         assert [lie.stated_m for lie in one.lies] == [lie.stated_m and tuple(lie.stated_m) for lie in two.lies]
+        assert two.told["cav_0"].tolist() == one.told["cav_0"].tolist() == [1]
     for lane, read in zip(film.road_map.lanes, back.road_map.lanes, strict=True):
         np.testing.assert_array_equal(lane, read)
     assert film.drive is not None and back.drive is not None

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +14,9 @@ from small_env import SMALL
 from some_films import some_film
 
 from coopsim.bench.evaluate import evaluate
-from coopsim.bench.films.film import Film, Filming
+from coopsim.bench.films.film import Film
 from coopsim.bench.films.film_file import film_bytes, read_film
+from coopsim.bench.films.filming import Filming
 from coopsim.bench.films.space import (
     CLOUD_M,
     LENGTH_M,
@@ -25,6 +29,7 @@ from coopsim.bench.films.space import (
     unpack_cloud,
     within_reach,
 )
+from coopsim.bench.report.space_data import pair_view
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.world.places.layout import flat_part, rectangle
 from coopsim.world.snapshot import StaticPart
@@ -103,3 +108,20 @@ def test_older_films_have_no_third_dimension_and_arrays_of_a_film_are_without_ga
     back = read_film(tmp_path / "key.npz")
     assert back.frames[0].space is None and not back.solids
     assert back.drive is not None and back.drive.drive.boxes.flags.c_contiguous, "kernels take no others"
+
+
+def test_what_a_car_must_not_touch_is_found_in_a_view_however_long_its_id_is(film: Film) -> None:
+    id_of_a_person = 5_000_000_000
+    (first, *_), drive = film.frames, some_film().drive
+    assert first.space is not None and drive is not None
+    space = replace(first.space, seen={"cav_0": np.array([id_of_a_person])}, truth=first.space.truth.copy())
+    space.truth[0, 0] = box_rows(np.array([id_of_a_person]), Boxes3D.from_array(np.ones((1, 7))))[0, 0]
+    drive = replace(drive, drive=replace(drive.drive, ids=np.array([id_of_a_person])))
+    view = pair_view(["a", "b"], [replace(film, frames=[replace(first, space=space)], drive=drive)] * 2, "cav_0", 0, 1)
+    assert view is not None
+    told = view.data()
+    assert told["runs"][0]["conflict"] == [space.truth[0, 0]]
+    content = zlib.decompress(base64.b64decode(told["worlds"][0][0]["data"]), -zlib.MAX_WBITS)
+    agents, count = len(told["worlds"][0][0]["agents"]), told["worlds"][0][0]["count"]
+    seen_by_first = content[4 * (5 * agents + 8 * count) :][:count]
+    assert seen_by_first[0] == 1 and sum(seen_by_first) == 1

@@ -77,7 +77,7 @@ def test_road_users_are_where_sumo_writes_them(
     out = tmp_path / "written.fcd.xml"
     options = sumo_engine.OPTIONS | {
         "net-file": network, "route-files": trips, "begin": 100, "step-length": 0.1, "seed": 3, "end": 165,
-        "fcd-output": out, "precision": 6,
+        "fcd-output": out, "precision": 6, "device.fcd.begin": 159,
     }  # fmt: skip
     words = [str(word) for name, value in options.items() for word in (f"--{name}", value)]
     subprocess.run([str(program), *words], check=True)

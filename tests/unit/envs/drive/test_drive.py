@@ -17,11 +17,12 @@ from pettingzoo.test import parallel_api_test
 import coopsim
 from coopsim.envs import DriveEnv, DriveParallel, DriveStep, PlannedDriver, RouteReward
 from coopsim.envs.drive.observation import observe
-from coopsim.envs.drive.outcome import runs_red_light
 from coopsim.errors import EpisodeStateError, InvalidActionError, InvalidValueError, UnknownNameError
 from coopsim.geometry.se3 import SE3
+from coopsim.interfaces.planner import Occlusions, PlannedCar
 from coopsim.metrics.evaluator import FrameCounts
-from coopsim.types.driving import GREEN, NO_LIGHT, RED, CarState, Route
+from coopsim.planning.route_follower import RouteFollower
+from coopsim.types.driving import CarState
 from coopsim.world.snapshot import Actors
 from coopsim.world.world import World
 
@@ -52,7 +53,7 @@ def driven(env: DriveEnv, seed: int, most: int = 2000) -> tuple[dict[str, Any], 
 
 
 def test_a_car_that_follows_its_route_alone_arrives_in_time() -> None:
-    env = DriveEnv(place="urban_grid", vehicles=1, pedestrians=0, route_m=(300, 300))
+    env = DriveEnv(place="urban_grid", vehicles=1, pedestrians=0, route_m=(150, 150))
     info, rewards = driven(env, 1)
     assert info["arrive_dest"] and info["is_success"] and info["route_completion"] == 1.0
     assert not (info["crash"] or info["out_of_road"] or info["max_step"])
@@ -70,6 +71,32 @@ def test_a_planner_drives_in_the_place_of_a_learner(planner: str) -> None:
         _, _, terminated, truncated, info = env.step(action)
         over = terminated or truncated
     assert info["arrive_dest"]
+
+
+def test_a_planner_that_is_aware_of_occlusions_gets_walls_and_lanes_across_from_the_car() -> None:
+    told: list[Occlusions | None] = []
+
+    class Aware(RouteFollower):
+        occlusion_aware = True
+
+        def plan(self, car: PlannedCar) -> tuple[float, float]:  # type: ignore[override]
+            told.append(car.occlusions)
+            return super().plan(car)
+
+    env = DriveEnv(place="crossing", vehicles=2, pedestrians=0)
+    env.reset(seed=1)
+    PlannedDriver(env.parallel, Aware).act()
+    PlannedDriver(env.parallel, "route_follower").act()
+    (known,) = told
+    assert known is not None
+    world = env.parallel.world
+    body = world.agents()["cav_0"].world_SE3_base
+    ends = np.concatenate([known.walls[:, :2], known.walls[:, 2:]])
+    there = body.apply(np.column_stack([ends, np.zeros(len(ends))]))[:, :2]
+    corners = np.concatenate(world.map.buildings)
+    assert len(there) and np.hypot(*(there[:, None] - corners).transpose(2, 0, 1)).min(axis=1).max() < 1e-6
+    np.testing.assert_array_equal(known.entries, world.entries("cav_0"))
+    assert not len(known.eyes)
 
 
 def test_a_planner_drives_a_car_that_there_is() -> None:
@@ -269,18 +296,13 @@ def test_others_are_seen_from_the_car_by_hand() -> None:
     np.testing.assert_allclose(first, wanted, atol=1e-6)
 
 
-def with_light(route: Route, light: int) -> Route:
-    return replace(route, lights=np.full(len(route.points), light))
-
-
-def test_a_line_crossed_at_red_is_told_and_costs() -> None:
+def test_a_red_light_is_told_in_its_step_and_costs() -> None:
     env = DriveEnv(**FEW)
     env.reset(seed=0)
-    car = env.parallel.world.car_ahead("cav_0")
-    none, green, red = (replace(car, route=with_light(car.route, light)) for light in (NO_LIGHT, GREEN, RED))
-    assert runs_red_light(none, red) and not runs_red_light(none, green) and not runs_red_light(green, red)
-    assert not runs_red_light(replace(car, route=replace(car.route, lights=np.zeros(0, np.int64))), red)
-    assert RouteReward().events(arrives=False, leaves=False, red_light=True)["red_light"] == -2.5
+    env.parallel.world.fleet.rows["red_lights"][env.parallel.world.row_of("cav_0")] += 1
+    told = [env.step(env.action_space.low)[4] for _ in range(2)]
+    assert [each["red_light"] for each in told] == [True, False]
+    assert [each["reward_parts"]["red_light"] for each in told] == [-2.5, 0.0]
 
 
 def test_there_is_no_progress_from_a_red_light_on() -> None:

@@ -155,8 +155,8 @@ def fresh_registries(monkeypatch: pytest.MonkeyPatch) -> None:
         registry.names()
         monkeypatch.setattr(registry, "_entries", dict(registry._entries))
     for known in (gymnasium.registry, pettingzoo.parallel_registry):
-        monkeypatch.setitem(known, "coopsim/own_street-v2", None)
-        del known["coopsim/own_street-v2"]
+        monkeypatch.setitem(known, "coopsim/own_street-v3", None)
+        del known["coopsim/own_street-v3"]
 
 
 @pytest.mark.usefixtures("fresh_registries")
@@ -174,7 +174,7 @@ def test_a_registered_place_is_an_environment() -> None:
     assert env.agents and SCENARIOS.get("own_street").description == STREET and asked == [1]
     with pytest.raises(DuplicateNameError, match="own_street"):
         coopsim.register_place("own_street", STREET)
-    with pytest.raises(DuplicateNameError, match="file-v2"):
+    with pytest.raises(DuplicateNameError, match="file-v3"):
         coopsim.register_place("file", STREET)
     with pytest.raises(InvalidValueError, match=r"place must be a PlaceDescription, or a function .* got dict"):
         coopsim.register_place("other", {"nodes": {}})  # type: ignore[arg-type]

@@ -12,6 +12,9 @@ import pytest
 import coopsim
 from coopsim.errors import CoopsimError, InvalidValueError
 from coopsim.types.driving import HAS_PRIORITY
+from coopsim.world.places.layout import Layout
+from coopsim.world.places.road_network import Road
+from coopsim.world.situations import junction_sites
 from coopsim.world.situations.interactions import INTERACTIVE, PRE_CRASH, ROWS
 from coopsim.world.situations.junction_sites import turn_of
 from coopsim.world.situations.situation import SITUATIONS, Situation
@@ -28,6 +31,21 @@ def situation(name: str = "interaction", **options: Any) -> Situation:
 def world(kind: str, seed: int, **options: Any) -> World:
     scenario = situation(kind=kind, **options).of(seed)
     return World(scenario, seed, control="acceleration", driven=("cav_0",))
+
+
+def test_a_site_for_many_others_looks_at_each_pair_of_ways_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    looked, layouts = Counter[tuple[int, Road, Road]](), dict[int, Layout]()
+    meeting = junction_sites._meeting
+
+    def counted(layout: Layout, road: Road, other: Road) -> tuple[float, float] | None:
+        layouts[id(layout)] = layout
+        looked[id(layout), road, other] += 1
+        return meeting(layout, road, other)
+
+    monkeypatch.setattr(junction_sites, "_meeting", counted)
+    situation(kind="four_way", place="town").of(1000)
+    assert looked
+    assert max(looked.values()) == 1
 
 
 def test_there_are_twelve_pre_crash_types_and_ten_interactions() -> None:
