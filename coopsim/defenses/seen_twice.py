@@ -1,4 +1,4 @@
-"""How well each sender places the vehicles that the receiver detects, too: evidence that no third agent can forge."""
+"""Agreement of each sender with the receiver on places of vehicles that both see, which no third agent can forge."""
 
 from __future__ import annotations
 
