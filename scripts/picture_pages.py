@@ -34,11 +34,15 @@ FLAGS = (
 )
 """Flags of the browser: without a graphics card it draws in three dimensions on the processor."""
 
-READY = (
-    "document.querySelector('[data-space]').scrollIntoView(), new Promise((done) => {"
-    "const look = () => spaceViews.length ? done(true) : setTimeout(look, 20); look(); })"
+DRAWN = (
+    "new Promise((done) => { const place = document.querySelector('[data-space]');"
+    "const seen = () => place && place.getBoundingClientRect().top < innerHeight;"
+    "const look = () => !seen() || spaceViews.length ? done(true) : setTimeout(look, 20); look(); })"
 )
-"""Script that waits until the page's view in three dimensions is drawn; it begins when it comes into sight."""
+"""Script that waits until the page's view in three dimensions is drawn, if any of it is in the window."""
+
+READY = f"document.querySelector('[data-space]').scrollIntoView(), {DRAWN}"
+"""Script that brings this view into sight, where it begins, and waits until it is drawn."""
 
 
 def find_chromium(given: str | None = None) -> str | None:
@@ -259,8 +263,7 @@ def main() -> int:
             pictures = list(frames_of(page, given.first, given.last, given.step))
             write_film(given.out, pictures, given.colors, 100 * given.step)
         else:
-            if given.of == ".space-stage":
-                page.run(READY)
+            page.run(READY if given.of == ".space-stage" else DRAWN)
             page.picture(given.of).save(given.out)
         for error in page.errors:
             print(error, file=sys.stderr)
