@@ -86,7 +86,7 @@ def pose_cases() -> Iterator[tuple[str, str, Options]]:
 
 def planner_cases() -> Iterator[tuple[str, str, Options]]:
     """Yield cases of planners under lasting errors."""
-    for planner in (TIGHT, "route_follower"):
+    for planner in (TIGHT, "route_follower", "cautious"):
         for size in (0, 0.5, 2):
             yield planner, f"lasting, {size:g} m, {size:g} degrees", lasting(size, size) | {"planner": planner}
 
