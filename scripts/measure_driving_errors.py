@@ -7,7 +7,7 @@
     python scripts/measure_driving_errors.py intents --seeds 1000 1010 --out intents.jsonl
 
 The first three drive the episodes of the preset in which messages avoid a crash, so an error can only bring crashes
-back; `intents` drives three situations with all seeds. Only the driven car tracks (`late_fusion(delayed=replay)`); the
+back; `intents` drives situations with all seeds. Only the driven car tracks (`late_fusion(delayed=replay)`); the
 others send. Runs that the file has are not made again. Printed is a table of all cases with the change from the first
 of each group, with 95 % intervals (Wilson's for crashes, Newcombe's for their differences, else a bootstrap's).
 """
@@ -193,9 +193,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--results", type=Path, help="results.csv of the preset, not for intents")
     parser.add_argument("--seeds", type=int, nargs=2, default=(1000, 1010), metavar=("FIRST", "END"), help="of intents")
+    parser.add_argument("--situations", nargs="+", default=MEETINGS, help="of intents")
     parser.add_argument("--most", type=int, default=None, help="number of episodes for each case")
     options = parser.parse_args(argv)
-    worlds = [(each, seed) for seed in range(*options.seeds) for each in MEETINGS]
+    worlds = [(each, seed) for seed in range(*options.seeds) for each in options.situations]
     if options.group != "intents":
         if options.results is None:
             parser.error("--results is needed: the results.csv of coopsim bench --preset safety")
