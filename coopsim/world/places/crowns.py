@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from coopsim.geometry.se3 import Floats
 from coopsim.world.snapshot import StaticPart
 
-_DIAGONAL = 0.5**0.5
+_DIAGONAL = math.sqrt(0.5)
 _HALF = np.array([[1.0, 0.0], [_DIAGONAL, _DIAGONAL], [0.0, 1.0], [-_DIAGONAL, _DIAGONAL]])
 _OCTAGON = np.concatenate([_HALF, -_HALF])
 
