@@ -10,16 +10,7 @@ from coopsim.bench.films.drive_moments import tracked
 from coopsim.bench.films.film import Rows, to_rows
 from coopsim.bench.films.recording import Recording
 from coopsim.bench.grid.labels import label
-from coopsim.bench.report.film_data import (
-    frame_data,
-    home_of,
-    map_data,
-    news_data,
-    only,
-    place_data,
-    rows_data,
-    tracks_data,
-)
+from coopsim.bench.report.film_data import frame_data, home_of, map_data, place_data, rows_data, run_data
 from coopsim.bench.report.film_section import Figure, Panel
 from coopsim.bench.report.keys import FALSE_NOTE, SCENE
 from coopsim.bench.report.space_data import pair_view
@@ -95,23 +86,21 @@ def _side(run: Recording, first_s: float, last_s: float, home: Floats) -> dict[s
     shown = np.flatnonzero((drive.time_s > first_s - 1e-6) & (drive.time_s < last_s + 1e-6))
     if run.events.crash_s is not None:
         shown = shown[drive.time_s[shown] < run.events.crash_s + 1e-6]
-    frames, tracks, news, marks = [], [], [], []
-    for k in shown.tolist():
-        reported = min(k, len(drive) - 2)
-        frame = run.film.frames[reported]
-        made = frame_data(frame, home, run.agent)
-        if k > reported:  # nothing was reported for the last frame, and so it was not filmed
+    # Nothing was reported for the last frame, and so it was not filmed.
+    filmed = np.minimum(shown, len(drive) - 2).tolist()
+    frames, marks = [], []
+    for k, reported in zip(shown.tolist(), filmed, strict=True):
+        made = frame_data(run.film.frames[reported], home, run.agent)
+        if k > reported:
             made |= {"truth": rows_data(_bodies(run, k), home), "agents": _agents(run, k, made["agents"], home)}
         frames.append(made)
-        tracks.append(tracks_data(only(frame.tracks, run.agent), home))
-        news.append(news_data({run.agent: run.film.news(run.agent, reported)}))
         there = np.flatnonzero(drive.in_conflict & np.isfinite(drive.boxes[k, :, 0]))
         met = [[*place_data(drive.boxes[k, a, :2], home), bool(known[reported, a])] for a in there.tolist()]
         arrived = [name for name in sorted(run.film.reached(run.agent, k)) if name in run.others(reported)]
         marks.append({"met": met, "arrived": arrived, "crash": bool(drive.crashed[k])})
     x, y, length, _, yaw = drive.car[-1].tolist()
     front = place_data((x + length / 2 * np.cos(yaw), y + length / 2 * np.sin(yaw)), home)
-    return {"frames": frames, "runs": [{"tracks": tracks, "news": news}], "marks": marks, "crash": front}
+    return {"frames": frames, "runs": [run_data(run.film, run.agent, filmed, home)], "marks": marks, "crash": front}
 
 
 def _bodies(run: Recording, k: int) -> Rows:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from coopsim.bench.films.film import ALL, BOX_M, POINT_M, TURN_RAD, FilmFrame, Rows
+from coopsim.bench.films.film import ALL, BOX_M, POINT_M, TURN_RAD, Film, FilmFrame, Rows
 from coopsim.geometry.se3 import Floats
 from coopsim.viz import palette
 from coopsim.world.places.signals import stop_bars
@@ -83,9 +83,13 @@ def news_data(news: Mapping[str, Mapping[int, float]]) -> dict[str, list[list[fl
     return {agent: [[each, round(share, 3)] for each, share in ages.items()] for agent, ages in news.items() if ages}
 
 
-def only(tracks: Mapping[str, Rows], agent: str) -> dict[str, Rows]:
-    """Return the tracks of one agent, if it has any."""
-    return {name: rows for name, rows in tracks.items() if name == agent}
+def run_data(film: Film, agent: str, numbers: Iterable[int], home: Floats) -> dict[str, Any]:
+    """Return the tracks and the news of one agent, if it has any, in frames of a film."""
+    shown = [(film.frames[k].tracks, {agent: film.news(agent, k)}) for k in numbers]
+    return {
+        "tracks": [tracks_data({agent: each[agent]} if agent in each else {}, home) for each, _ in shown],
+        "news": [news_data(each) for _, each in shown],
+    }
 
 
 def rows_data(rows: Rows, home: Floats) -> str:

@@ -8,16 +8,7 @@ from typing import Any
 from coopsim.bench.films.film import Film, ShownLie
 from coopsim.bench.films.lie_pairs import FilmedLie, LiePair, joined
 from coopsim.bench.grid.labels import label
-from coopsim.bench.report.film_data import (
-    frame_data,
-    home_of,
-    map_data,
-    news_data,
-    only,
-    place_data,
-    rows_data,
-    tracks_data,
-)
+from coopsim.bench.report.film_data import frame_data, home_of, map_data, place_data, rows_data, run_data
 from coopsim.bench.report.film_section import Figure, Panel
 from coopsim.bench.report.keys import SCENE
 from coopsim.bench.report.space_data import pair_view
@@ -83,12 +74,7 @@ def _side(film: Film, filmed: FilmedLie, home: Floats) -> dict[str, Any]:
     arrived = [sorted(film.reached(receiver, k) & set(film.frames[k].agents)) for k in numbers]
     return {
         "frames": [frame_data(frame, home, receiver) for frame in frames],
-        "runs": [
-            {
-                "tracks": [tracks_data(only(frame.tracks, receiver), home) for frame in frames],
-                "news": [news_data({receiver: film.news(receiver, k)}) for k in numbers],
-            }
-        ],
+        "runs": [run_data(film, receiver, numbers, home)],
         "marks": [{"met": [], "arrived": each, "crash": False} for each in arrived],
         "lies": [_lies(frame.lies, home) for frame in frames],
     }

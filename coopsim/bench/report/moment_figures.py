@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
-
-from coopsim.bench.films.film import Film
 from coopsim.bench.films.moments import FilmedMoment
 from coopsim.bench.grid.labels import label
-from coopsim.bench.report.film_data import frame_data, home_of, map_data, news_data, only, tracks_data
+from coopsim.bench.report.film_data import frame_data, home_of, map_data, run_data
 from coopsim.bench.report.film_section import Figure, Panel
 from coopsim.bench.report.keys import FALSE_NOTE
 from coopsim.bench.report.space_data import pair_view
 from coopsim.bench.results.result_table import ResultTable
-from coopsim.geometry.se3 import Floats
 from coopsim.types import NS_PER_S
 
 NOTE = f"""Windows in which a policy fell farthest behind the best one in the same condition and
@@ -40,17 +35,9 @@ def moment_figure(filmed: FilmedMoment, table: ResultTable) -> Figure:
         "map": map_data(filmed.worst.road_map, home),
         "frames": [frame_data(frame, home) for frame in frames],
         "sides": [
-            {"runs": [_run(film, filmed.agent, range(len(film.frames))[window], home)]}
+            {"runs": [run_data(film, filmed.agent, range(len(film.frames))[window], home)]}
             for film in (filmed.worst, filmed.best)
         ],
     }
     space = pair_view(names, [filmed.worst, filmed.best], filmed.agent, moment.first, moment.last)
     return Figure(f"{names[0]} against {names[1]}: {where}", panels, data, space)
-
-
-def _run(film: Film, agent: str, numbers: Iterable[int], home: Floats) -> dict[str, Any]:
-    """Return the tracks and the news of an agent in frames of a film."""
-    return {
-        "tracks": [tracks_data(only(film.frames[k].tracks, agent), home) for k in numbers],
-        "news": [news_data({agent: film.news(agent, k)}) for k in numbers],
-    }
