@@ -23,7 +23,7 @@ import coopsim
 from coopsim.data.recording_set import RecordingSet
 from coopsim.detection.oracle import Oracle, OracleDetector
 from coopsim.detection.presets import make_detector
-from coopsim.geometry.assignment import hungarian
+from coopsim.geometry.assignment import nearest_pairs
 from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import Floats, wrap_angle
 from coopsim.sensors.lidar.expected_returns import ReturnsEstimator
@@ -75,8 +75,7 @@ class Matches:
     def add(self, episode: int, frame: int, ids: Ints, truth: Boxes3D, returns: Ints, found: Detections) -> None:
         """Add one frame of one car; boxes in its axes."""
         distance = np.linalg.norm(found.boxes.center[:, None, :2] - truth.center[None, :, :2], axis=2)
-        # Pairs beyond the gate must not take part: the best sum of all distances would draw near pairs apart.
-        mine, theirs = hungarian(np.where(distance <= GATE_M, -distance, -np.inf), -GATE_M)
+        mine, theirs = nearest_pairs(distance, GATE_M)
         of = np.full(len(ids), -1)
         of[theirs] = mine
         self.frames += 1

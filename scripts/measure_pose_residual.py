@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from coopsim.data.recording_set import Recording, RecordingSet
-from coopsim.geometry.assignment import hungarian
+from coopsim.geometry.assignment import nearest_pairs
 from coopsim.geometry.se3 import Floats
 from coopsim.types import Detections
 
@@ -55,9 +55,7 @@ def centres_by_object(detections: Detections, truth: Floats) -> dict[int, Floats
     """Return the centre (2,) of the box of each object that has one."""
     centres = detections.boxes.center[detections.score > LEAST_SCORE, :2]
     apart = np.linalg.norm(centres[:, None] - truth, axis=2)
-    # Pairs beyond the limit must not take part: the best sum of all distances would draw near pairs apart.
-    pairs = hungarian(np.where(apart < WITHIN_M, -apart, -np.inf), -WITHIN_M)
-    return {int(k): centres[i] for i, k in zip(*pairs, strict=True)}
+    return {int(k): centres[i] for i, k in zip(*nearest_pairs(apart, WITHIN_M), strict=True)}
 
 
 def residuals(pairs: list[tuple[Floats, Floats]]) -> tuple[float, float]:

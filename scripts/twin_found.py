@@ -12,7 +12,7 @@ from detector_matches import AGENTS
 from twin_worlds import TwinWorld
 
 from coopsim.data.recording_set import RecordingSet
-from coopsim.geometry.assignment import hungarian
+from coopsim.geometry.assignment import nearest_pairs
 from coopsim.geometry.se3 import Floats
 from coopsim.metrics.average_precision import average_precision_of
 from coopsim.types import Ints, Mask
@@ -55,7 +55,7 @@ class Found:
                 for car, agent in enumerate(AGENTS):
                     boxes = recording.detections[agent][k]
                     away = np.linalg.norm(truth.center[:, None, :2] - boxes.boxes.center[:, :2], axis=2)
-                    hits, ours = hungarian(np.where(away <= FOUND_M, -away, -np.inf), -FOUND_M)
+                    hits, ours = nearest_pairs(away, FOUND_M)
                     found[hits, car] = True
                     wrong = np.delete(boxes.boxes.center[:, :2], ours, axis=0)
                     false[car].append(np.column_stack([np.full(len(wrong), number), np.hypot(*wrong.T)]))

@@ -48,6 +48,19 @@ def hungarian(affinity: Floats, gate: float) -> Pairs:
     return rows[kept], columns[kept]
 
 
+def nearest_pairs(apart: Floats, most: float) -> Pairs:
+    """Return the matching of rows and columns with the smallest sum of distances, of as many pairs as possible.
+
+    Pairs that are farther apart than `most` take no part: in `hungarian` they would draw near ones apart. Rows come in
+    order.
+
+    Args:
+        apart: (N, M) distances; inf and NaN are impossible.
+        most: largest distance of a pair.
+    """
+    return hungarian(np.where(apart <= most, -apart, -np.inf), -most)
+
+
 def greedy(affinity: Floats, gate: float) -> Pairs:
     """Take pairs in order of falling affinity, each if its row and its column are still free.
 

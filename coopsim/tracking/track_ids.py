@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from coopsim.geometry.assignment import hungarian
+from coopsim.geometry.assignment import nearest_pairs
 from coopsim.geometry.iou import center_distance_bev
 from coopsim.types import NS_PER_S, Ints, Tracks
 
@@ -38,9 +38,9 @@ class LastingIds:
         new = again[np.array([each not in self._ids for each in again.id.tolist()], dtype=np.bool_)]
         kept = [reported for reported, _ in self._ids.values()]
         lost = self._reported[~np.isin(self._reported.id, kept)]
-        near = center_distance_bev(lost.boxes.array, new.boxes.array)
-        alike = np.where(np.equal.outer(lost.label, new.label) & (near >= -_SAME_M), near, -np.inf)
-        for row, column in zip(*hungarian(alike, -_SAME_M), strict=True):
+        apart_m = -center_distance_bev(lost.boxes.array, new.boxes.array)
+        apart_m[np.not_equal.outer(lost.label, new.label)] = np.inf
+        for row, column in zip(*nearest_pairs(apart_m, _SAME_M), strict=True):
             self._ids[int(new.id[column])] = int(lost.id[row]), time_ns
 
     def name(self, tracks: Tracks, time_ns: int) -> Tracks:
