@@ -65,7 +65,7 @@ class LearnedFusion(PerceivingPolicy):
     these networks take poses to be exact.
 
     Attributes:
-        detector_weights: name or path of the point encoder's weights, the ones that the fusion was trained on.
+        detector_weights: name or path of the point encoder's weights; None: as the file of `weights` names them.
         sensors: input of the encoders, "points", "pictures", "both" together, or "mixed": each agent its points if it
             has a LiDAR, else its pictures. An agent with neither detects nothing by itself.
         picture_weights: name or path of the weights of the encoder of pictures, or of both, trained beside that of
@@ -78,7 +78,7 @@ class LearnedFusion(PerceivingPolicy):
     codec: ClassVar[str] = DENSE
     request_block: ClassVar[int] = 0
 
-    detector_weights: str = "pillars"
+    detector_weights: str | None = None
     sensors: str = "points"
     picture_weights: str | None = None
     fusion: str | None = None
@@ -86,10 +86,10 @@ class LearnedFusion(PerceivingPolicy):
     def load(self) -> None:
         require_choice("sensors", self.sensors, _NEEDS)
         self.needs = _NEEDS[self.sensors]
-        from coopsim.learn.weights import digest, load_detector
+        from coopsim.learn.weights import digest, load_detector_of
         from coopsim.nn.cooperative.perceiver import KINDS, Perceiver
 
-        detector = load_detector(self.detector_weights)
+        detector = load_detector_of(self.weights, self.detector_weights)
         net = self.load_net(detector)
         space = int(digest(self.weights)[:8], 16)
         self._kinds, self._perceiver = KINDS, Perceiver(net, detector.config.cell_m, space, self._backend)

@@ -55,7 +55,7 @@ class QueryPolicy(PerceivingPolicy):
     `PerceivingPolicy`.
 
     Attributes:
-        detector_weights: name or path of the weights of encoder and head, the ones that the network was trained on.
+        detector_weights: name or path of the weights of encoder and head; None: as the file of `weights` names them.
         tracker: "queries": an instance keeps its number while it is carried over, which is the track's id; or a policy
             that tracks boxes, whose tracker then follows what is found in each frame.
         least_reported: with the tracker "queries", smallest score of a reported track.
@@ -69,7 +69,7 @@ class QueryPolicy(PerceivingPolicy):
     own_tracker = BY_QUERIES
 
     tracker: str = BY_QUERIES
-    detector_weights: str = "pillars"
+    detector_weights: str | None = None
     least_reported: float = 0.3
     least_shared: float = 0.2
     least_affinity: float = 0.5
@@ -80,11 +80,11 @@ class QueryPolicy(PerceivingPolicy):
         super().__post_init__()
 
     def load(self) -> None:
-        from coopsim.learn.weights import digest, load_detector, load_queries
+        from coopsim.learn.weights import digest, load_detector_of, load_queries
         from coopsim.nn.inference.encoders import PointEncoder
         from coopsim.nn.queries.perceiver import QueryPerceiver
 
-        detector = load_detector(self.detector_weights)
+        detector = load_detector_of(self.weights, self.detector_weights)
         net = load_queries(self.weights, detector, self.fusion)
         self._perceiver = QueryPerceiver(net, detector, int(digest(self.weights)[:8], 16), self._backend)
         self._encoder = PointEncoder(detector, self._backend)

@@ -46,6 +46,9 @@ SENSOR_M = 1.9
 NEAR_M = 1.5
 """Two false detections are the same if the later one is within this distance of the position expected for it."""
 
+BESIDE_M = 15.0
+"""Objects as near as this stand on the same ground, roughly."""
+
 _POOLED = 5  # number of frames before and after that vote for one shift
 _BIN_M = 0.1
 _FASTEST_M, _ASIDE_M = 3.6, 1.0
@@ -64,6 +67,7 @@ class Matches:
 
     Objects: episode, frame, object, x, y, returns, found, score, turned, and the errors along, across, up, length,
     width, height, yaw (NaN where not found). False ones: episode, frame, x, y, z, length, width, height, yaw, score.
+    Both have `off`, how far the found box's underside is above that of the nearest other object within `BESIDE_M`.
     """
 
     objects: dict[str, Floats] = field(default_factory=dict)
@@ -78,6 +82,7 @@ class Matches:
         mine, theirs = nearest_pairs(distance, GATE_M)
         of = np.full(len(ids), -1)
         of[theirs] = mine
+        off = _off_the_ground(found.boxes, truth, distance, of)
         self.frames += 1
         self._objects.append(
             {
@@ -89,6 +94,7 @@ class Matches:
                 "returns": returns,
                 "found": of >= 0,
                 "score": np.append(found.score, np.nan)[of],
+                "off": np.append(off, np.nan)[of],
                 **_errors(truth, found.boxes, of),
             }
         )
@@ -99,6 +105,7 @@ class Matches:
                 "episode": np.full(len(wrong), episode),
                 "frame": np.full(len(wrong), frame),
                 "score": found.score[wrong],
+                "off": off[wrong],
                 **dict(columns),
             }
         )
@@ -212,6 +219,20 @@ def _standing(boxes: Boxes3D) -> Actors:
     colors = np.zeros((count, 3), dtype=np.uint8)
     placed = Boxes3D(center, boxes.size, boxes.yaw)
     return Actors(np.arange(1, count + 1), placed, np.zeros((count, 2)), zeros, zeros, colors)
+
+
+def _off_the_ground(found: Boxes3D, truth: Boxes3D, distance: Floats, of: Ints) -> Floats:
+    """Return how far the undersides of N found boxes are above that of the nearest object but their own, NaN if far.
+
+    `distance` (N, M) is to the centers of M objects; `of` (M,) is the box of each, or -1.
+    """
+    if not len(truth) or not len(found):
+        return np.full(len(found), np.nan)
+    others = np.where(np.arange(len(found))[:, None] == of, np.inf, distance)
+    beside = others.argmin(axis=1)
+    below = truth.center[beside, 2] - truth.size[beside, 2] / 2
+    off: Floats = np.where(others.min(axis=1) < BESIDE_M, found.center[:, 2] - found.size[:, 2] / 2 - below, np.nan)
+    return off
 
 
 def _errors(truth: Boxes3D, found: Boxes3D, of: Ints) -> dict[str, Floats]:

@@ -19,7 +19,7 @@ from fit_detector import LAGS, QUARTER, RANGES_M, WITHOUT, _bins, _normal_scores
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import ndtr
-from scipy.stats import ks_2samp
+from scipy.stats import ks_2samp, mannwhitneyu
 from tabulate import tabulate
 
 from coopsim.detection.presets import preset
@@ -226,6 +226,12 @@ def _false_apart(column: str) -> Callable[[Matches, Matches], float]:
     return lambda real, simulated: float(ks_2samp(real.false[column], simulated.false[column]).statistic)
 
 
+def told_by_underside(matches: Matches) -> float:
+    """Return the area under the ROC curve of telling false boxes by how far off the ground they stand; 0.5: none."""
+    of_objects, of_false = (np.abs(table["off"][~np.isnan(table["off"])]) for table in (seen(matches), matches.false))
+    return float(mannwhitneyu(of_false, of_objects).statistic / len(of_false) / len(of_objects))
+
+
 DISTANCES: dict[str, Callable[[Matches, Matches], float]] = {
     "recall against returns (mean difference)": _recall_apart,
     "score on objects": _by_range("score"),
@@ -236,6 +242,9 @@ DISTANCES: dict[str, Callable[[Matches, Matches], float]] = {
     ),
     "false ones per frame": lambda real, fake: float(ks_2samp(_counts(real), _counts(fake)).statistic),
     "range of false ones": _false_apart("range"),
+    "false ones told by their underside (difference of areas)": lambda real, fake: abs(
+        told_by_underside(real) - told_by_underside(fake)
+    ),
     **{f"autocorrelation of {name} (mean difference)": _over_time_apart(name) for name in ("found", "score", *ERRORS)},
 }
 

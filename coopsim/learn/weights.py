@@ -131,6 +131,32 @@ def load_network(
     return net
 
 
+def load_detector_of(name_or_path: str | Path, named: str | None = None) -> DetectorNet:
+    """Return the detector on whose encoder the network of a file was trained: beside it, or shipped.
+
+    Args:
+        name_or_path: name or path of the network's weights.
+        named: name or path of the detector's weights, which then count, not the file's own name for them.
+
+    Raises:
+        UnknownNameError: there are no such weights.
+        InvalidValueError: a file is broken or too large, or the detector's weights are not found.
+    """
+    if named is not None:
+        return load_detector(named)
+    path = find_weights(name_or_path)
+    found = read_texts(path).get("detector", "pillars")
+    beside = path.with_name(Path(found).name.removesuffix(SUFFIX) + SUFFIX)
+    for each in (beside, Path(found)):
+        if each.suffix == SUFFIX and each.exists():
+            return load_detector(each)
+    if found not in shipped_weights():
+        raise InvalidValueError(
+            f"{path}: was trained on {found!r}, which is neither beside it nor shipped; name it: detector_weights=PATH"
+        )
+    return load_detector(found)
+
+
 def load_detector(name_or_path: str | Path = "pillars") -> DetectorNet:
     """Return the network of one agent with LiDARs; see `load_network`."""
     return cast(DetectorNet, load_network("detector", name_or_path))

@@ -200,7 +200,7 @@ def separation(value: np.ndarray[Any, Any], false: np.ndarray[Any, Any]) -> floa
 
 @pytest.mark.parametrize(("detector", "told"), [("simulated", 0.05), ("pointpillars_v2v4real", 0.08)])
 def test_neither_place_nor_underside_tells_false_boxes(detector: str, told: float) -> None:
-    """Heights of the fitted detector's objects err by range, those of its phantoms do not, which tells a little."""
+    """False boxes of the real detector stand farther off the ground than objects; so do the fitted one's, a little."""
     rows = boxes_of(detector)
     false = rows[:, 0] > 0
     assert false.sum() > 150 and (~false).sum() > 2000

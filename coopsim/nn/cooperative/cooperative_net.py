@@ -278,10 +278,11 @@ _FEW = 0.15
 def _spread(maps: Tensor, kernels: Tensor) -> Tensor:
     """Convolve maps (S, C, H, W), each channel with its kernel of (S, C, 1, 3, 3); return (S, H, W, C)."""
     maps = maps.contiguous(memory_format=torch.channels_last)  # the fastest layout
-    # Slices of a batch, as single maps would not be recognised as channels last, and copied.
+    # Split, as single maps would not be recognised as channels last, and copied; the gradient of each slice of a batch
+    # would be as large as the batch.
     spread = [
-        functional.conv2d(maps[sender : sender + 1], each, padding=1, groups=len(each))
-        for sender, each in enumerate(kernels)
+        functional.conv2d(each, kernel, padding=1, groups=len(kernel))
+        for each, kernel in zip(maps.split(1), kernels, strict=True)
     ]
     return torch.cat(spread).permute(0, 2, 3, 1)
 

@@ -23,6 +23,7 @@ from coopsim.learn.weights import (
     load_cooperative,
     load_covariance,
     load_detector,
+    load_detector_of,
     load_integrated,
     load_picture_identity,
     load_pictures,
@@ -52,8 +53,8 @@ def detector(tmp_path: Path) -> Path:
 def cooperative(folder: Path, detector: Path) -> Path:
     net = make_network("cooperative", FUSION, seed=4)
     path = folder / "fused.safetensors"
-    known = encoder_digest(load_detector(detector))
-    save_weights(path, net, {"kind": "cooperative", "config": asdict(net.config), "encoder_digest": known})
+    trained = {"detector": str(detector), "encoder_digest": encoder_digest(load_detector(detector))}
+    save_weights(path, net, {"kind": "cooperative", "config": asdict(net.config), **trained})
     return path
 
 
@@ -72,6 +73,22 @@ def test_a_fusion_is_loaded_for_its_encoder_alone(detector: Path, tmp_path: Path
         load_cooperative(path, make_network("detector", TINY, seed=5))
     with pytest.raises(InvalidValueError, match="must be weights of the kind 'detector', is 'cooperative'"):
         load_detector(path)
+
+
+def test_a_fusion_finds_the_detector_it_was_trained_on(detector: Path, tmp_path: Path) -> None:
+    away = tmp_path / "away"
+    away.mkdir()
+    path = cooperative(away, detector)
+    assert load_detector_of(path) is load_detector(detector), "where it was in training"
+    moved = detector.rename(away / detector.name)
+    assert load_detector_of(path) is load_detector(moved), "beside the fusion, which has moved with it"
+    gone = moved.rename(tmp_path / "other.safetensors")
+    with pytest.raises(
+        InvalidValueError, match=r"trained on .*tiny.* neither beside it nor shipped; name it: detector_w"
+    ):
+        load_detector_of(path)
+    assert load_detector_of(path, str(gone)) is load_detector(gone)
+    assert load_detector_of("attfuse") is load_detector("pillars")
 
 
 MINE = """
