@@ -320,11 +320,14 @@ def _loaded(path: Path, _digest: str, fusion: str | None = None) -> Any:
     if classes != list(CLASS_NAMES):
         other = sorted(set(CLASS_NAMES).symmetric_difference(map(str, classes if isinstance(classes, list) else ())))
         raise InvalidValueError(f"{path}: the weights are for other classes; not in both: {', '.join(other)}")
-    with torch.device("meta"):  # takes no memory: a small file may describe a huge network
-        wanted = make_network(texts["kind"], config).state_dict()
-    tensors = read_tensors(path, wanted)
+    tensors = None
+    if path.parent != _SHIPPED:  # a stranger's small file may describe a huge network
+        # Shapes alone take no memory, but a second, and memory, to import the compiler of torch, which computes them.
+        with torch.device("meta"):
+            wanted = make_network(texts["kind"], config).state_dict()
+        tensors = read_tensors(path, wanted)
     net = make_network(texts["kind"], config)
-    net.load_state_dict(tensors)
+    net.load_state_dict(read_tensors(path, net.state_dict()) if tensors is None else tensors)
     return net.eval().requires_grad_(False)
 
 

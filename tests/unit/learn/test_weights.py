@@ -260,3 +260,23 @@ def test_a_small_file_takes_no_memory_for_the_huge_network_that_it_describes(
         load_detector(path)
     assert made
     assert max(made) == 0
+
+
+def test_weights_that_ship_are_read_by_one_network_and_without_torchs_compiler(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To compute shapes alone, torch imports its compiler, for a second: only strangers' files need that."""
+    on_meta: list[bool] = []
+
+    def make(kind: str, config: dict[str, Any]) -> Any:
+        on_meta.append(torch.empty(()).is_meta)
+        return make_network(kind, config)
+
+    monkeypatch.setattr("coopsim.learn.weights.make_network", make)
+    shipped = find_weights("dmstrack")
+    weights._loaded.__wrapped__(shipped, digest(shipped))
+    assert on_meta == [False]
+    strange = tmp_path / shipped.name
+    strange.write_bytes(shipped.read_bytes())
+    load_covariance(strange)
+    assert on_meta == [False, True, False]
