@@ -40,7 +40,7 @@ from coopsim.types.driving import CarState
 from coopsim.types.messages import MOST_STRANGERS
 from coopsim.viz.bev import BevFrame
 from coopsim.wire.actions import action_spaces, idle, unpack_actions
-from coopsim.wire.columns import space_of
+from coopsim.wire.columns import LaterSpaces
 from coopsim.world.snapshot import RoadMap, StaticPart
 
 Packed = dict[str, Any]
@@ -101,7 +101,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         if any(uplink.beside for uplink in uplinks.values()):
             source.format = replace(source.format, signals=True)
         form = replace(source.format, strangers=MOST_STRANGERS if options.attacks else 0)
-        self._observation_spaces = {name: form.space(name) for name in source.specs}
+        self._observation_spaces = LaterSpaces(source.specs, form.space)
         self._action_spaces = action_spaces(self.agent_specs, any_score=source.any_score)
         self.state_space = spaces.Box(-np.inf, np.inf, (source.capacity, 11), np.float64)
         self._episode: Episode | None = None
@@ -149,7 +149,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         Raises:
             UnknownNameError: there is no such agent; the message lists those that there are.
         """
-        return space_of(agent, self._observation_spaces)
+        return self._observation_spaces.of(agent)
 
     def action_space(self, agent: str) -> spaces.Dict:
         """Return the space of an agent's actions; always the same object.
@@ -157,7 +157,7 @@ class CooperativeEnv(ParallelEnv[str, Packed, Packed]):  # type: ignore[misc]  #
         Raises:
             UnknownNameError: there is no such agent; the message lists those that there are.
         """
-        return space_of(agent, self._action_spaces)
+        return self._action_spaces.of(agent)
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None

@@ -26,7 +26,7 @@ from coopsim.types.driving import (
 )
 from coopsim.types.messages import IDLE, MANEUVERS, MessagePart, Said
 from coopsim.types.taxonomy import CLASS_NAMES
-from coopsim.wire.columns import COUNTER, box_space, real_space, rows_space
+from coopsim.wire.columns import COUNTER, LaterSpaces, box_space, real_space, rows_space
 from coopsim.wire.message_parts import message_space, unpack_message
 
 _TRACK_COLUMNS = {
@@ -74,9 +74,13 @@ def action_space(
     return spaces.Dict(parts)
 
 
-def action_spaces(specs: Mapping[str, AgentSpec], *, any_score: bool = False) -> dict[str, spaces.Dict]:
+def action_spaces(specs: Mapping[str, AgentSpec], *, any_score: bool = False) -> LaterSpaces:
     """Return the spaces of all agents' actions, by name; `any_score` as in `action_space`."""
-    return {name: action_space(spec.command, spec.message, any_score=any_score) for name, spec in specs.items()}
+
+    def make(agent: str) -> spaces.Dict:
+        return action_space(specs[agent].command, specs[agent].message, any_score=any_score)
+
+    return LaterSpaces(specs, make)
 
 
 def command_space(command: str) -> spaces.Discrete | spaces.Box:

@@ -110,10 +110,8 @@ class ExpectReturns(LidarSensing):
     ) -> None:
         self._config = config
         down = BeamPattern("looking down", config.beams.elevation_rad - drone_pitch_rad)
-        self._sights = [
-            (ReturnsEstimator(static, beams, config.columns, config.max_range_m, weather), kinds)
-            for beams, kinds in ((config.beams, ("cav", "rsu")), (down, ("drone",)))
-        ]
+        level = ReturnsEstimator(static, config.beams, config.columns, config.max_range_m, weather)
+        self._sights = [(level, ("cav", "rsu")), (level.with_beams(down), ("drone",))]
 
     def sense(self, scene: Scene, actors: Actors, bodies: Mapping[str, AgentBody]) -> dict[str, LidarReading]:
         """Estimate the returns by lines of sight; see `LidarSensing.sense`."""

@@ -9,6 +9,7 @@ only the share that a surface of usual brightness returns through that air is co
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -61,6 +62,12 @@ class ReturnsEstimator:
         self._elevation = np.sort(pattern.elevation_rad)
         self._step_rad, self._range_m = 2 * np.pi / columns, range_m
         self._extinction_per_m = (weather or Weather()).extinction_per_m
+
+    def with_beams(self, pattern: BeamPattern) -> ReturnsEstimator:
+        """Return an estimate by other beams, of the same scenery, range and weather."""
+        other = copy(self)
+        other._elevation = np.sort(pattern.elevation_rad)
+        return other
 
     def expected_returns(self, origins_m: Floats, actors: Actors, own_ids: Sequence[int | None]) -> Ints:
         """Return the expected numbers (A, N) of returns from each of N actors to sensors at `origins_m` (A, 3), world
