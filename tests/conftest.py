@@ -16,6 +16,7 @@ from jobs_here import jobs_here  # noqa: F401  (a fixture)
 from order import slow_first
 from short_episode import folder_bytes, short_episode  # noqa: F401  (fixtures)
 from small_env import SMALL
+from without_curves import without_curves  # noqa: F401  (a fixture)
 
 import coopsim
 from coopsim.comms.channel import channel

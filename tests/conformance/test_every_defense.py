@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from copy import copy
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +17,25 @@ from coopsim import Defense, Reception, Trust
 from coopsim.cli import main
 from coopsim.errors import DefenseError, InvalidValueError, UnknownNameError
 from coopsim.interfaces.defense import DEFENSES, make_defense
-from coopsim.testing import check_defense
+from coopsim.testing import check_defense, defense_checks
 
 SENSORS: dict[str, Any] = {"lidar": "VLP-16", "lidar_columns": 256}
 QUICK: dict[str, Any] = {"seed": 1, "max_cycles": 5, "vehicles": 8, "lidar": None}
+
+
+heard = cache(defense_checks._receptions)
+"""What every check lets a defence judge. The one that writes into it writes into one frame's own observation."""
+
+
+@pytest.fixture(autouse=True)
+def recorded_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let all checks share one episode: it has no attack and no defence in it."""
+    monkeypatch.setattr(defense_checks, "_receptions", lambda: [fresh(each) for each in heard()])
+
+
+def fresh(reception: Reception) -> Reception:
+    """Return a reception whose fields a defence may overwrite; it shares its arrays, which checks hold unchanged."""
+    return replace(reception, observation=copy(reception.observation), claims=list(map(copy, reception.claims)))
 
 
 @pytest.mark.parametrize("name", DEFENSES.names())

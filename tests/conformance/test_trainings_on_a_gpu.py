@@ -55,6 +55,7 @@ def trained(name: str, folder: Path, device: str) -> dict[str, Any]:
 
 
 @pytest.mark.heavy("two trainings")
+@pytest.mark.usefixtures("without_curves")
 @pytest.mark.parametrize("name", all_of(sorted(recipes()), *OF_EACH_KIND))
 def test_a_training_on_a_gpu_has_everything_there_and_ends_the_same(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
