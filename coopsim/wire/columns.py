@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, TypeVar
 
 import numpy as np
 from gymnasium import spaces
@@ -32,6 +32,22 @@ def box_space() -> spaces.Box:
     return spaces.Box(np.array([-np.inf] * 3 + [0.0] * 3 + [-np.inf]), np.full(7, np.inf), dtype=np.float64)
 
 
+AgentSpace = TypeVar("AgentSpace")
+
+
+def space_of(agent: str, by_agent: Mapping[str, AgentSpace]) -> AgentSpace:
+    """Return an agent's space.
+
+    Raises:
+        UnknownNameError: there is no such agent; the message lists those that there are.
+    """
+    try:
+        return by_agent[agent]
+    except (KeyError, TypeError):  # learners ask for spaces in every step: a name that is there costs no check
+        require_choice("agent", agent, by_agent)
+        raise
+
+
 class LaterSpaces:
     """Spaces of agents, each made when it is first asked for.
 
@@ -43,16 +59,8 @@ class LaterSpaces:
         self._make = make
 
     def of(self, agent: str) -> spaces.Dict:
-        """Return an agent's space, always the same object.
-
-        Raises:
-            UnknownNameError: there is no such agent; the message lists those that there are.
-        """
-        try:
-            made = self._made[agent]
-        except (KeyError, TypeError):  # learners ask for spaces in every step: a name that is there costs no check
-            require_choice("agent", agent, self._made)
-            raise
+        """Return an agent's space, always the same object; see `space_of` for other names."""
+        made = space_of(agent, self._made)
         if made is None:
             made = self._made[agent] = self._make(agent)
         return made

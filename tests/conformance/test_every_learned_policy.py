@@ -53,7 +53,7 @@ IN_BOTH_IF_LONG = pytest.mark.parametrize("arithmetic", all_of(["float32", "bflo
 EVERY_FUSION = pytest.mark.parametrize("name", all_of(FUSIONS, "ff_tracking", "where2comm"))
 EVERY_QUERY = pytest.mark.parametrize("name", all_of(QUERIES, "cooptrack"))
 ELSEWHERE, HIDDEN = (30.0, 2.0, 0.0, 1.0), (20.0, -18.0)
-SMALL: dict[str, Any] = {"vehicles": 8, "lidar": "VLP-16", "lidar_columns": 256, "max_cycles": 4, "detector": "none"}
+SMALL: dict[str, Any] = {"vehicles": 8, "lidar": "VLP-16", "lidar_columns": 256, "max_cycles": 3, "detector": "none"}
 
 
 @pytest.fixture(autouse=True)

@@ -24,14 +24,14 @@ def recipe(tmp_path_factory: pytest.TempPathFactory) -> TrainingRecipe:
     return TrainingRecipe(
         "tiny",
         "covariance",
-        steps=60,
+        steps=40,
         batch=2,
         block=2,
         lr=0.05,
         clip=1.0,
         average=0.5,
         precision="float32",
-        validate_every=60,
+        validate_every=40,
         network={"codes": 4, "widths": [16]},
         world={"path": str(path), "held_out": ["0002"]},
     )

@@ -16,6 +16,7 @@ from coopsim.geometry.boxes import Boxes3D
 from coopsim.geometry.se3 import SE3
 from coopsim.sensors.lidar.expected_returns import ReturnsEstimator
 from coopsim.sensors.lidar.lidar import Lidar, LidarConfig
+from coopsim.sensors.lidar.patterns import BeamPattern
 from coopsim.sensors.lidar.returns import count_returns
 from coopsim.sensors.scene import RayScene, SceneGeometry
 from coopsim.sensors.weather import Weather
@@ -201,3 +202,15 @@ def test_scenery_out_of_range_changes_nothing() -> None:
     far = [box_part([*(rng.uniform(150, 300, 2) * rng.choice([-1, 1], 2)), 2.0], (9.0, 9.0, 4.0)) for _ in range(200)]
     np.testing.assert_array_equal(expected(who, [*near, *far]), expected(who, near))
     np.testing.assert_array_equal(expected(who, [*far, *near]), expected(who, near))
+
+
+def test_other_beams_see_as_an_estimate_of_their_own_and_change_nothing() -> None:
+    who = tall(np.array([[20.0, 1.0, 4.5, 1.9, 0.3], [30.0, -8.0, 4.5, 1.9, 1.0]]))
+    static = [box_part([24.0, -5.0, 1.0], [1.0, 6.0, 2.0])]
+    down = BeamPattern("down", BEAMS.elevation_rad - 0.3)
+    level = ReturnsEstimator(static, BEAMS, 1024, 120.0)
+    before = level.expected_returns(SENSOR_M[None], who, [None])
+    own = ReturnsEstimator(static, down, 1024, 120.0).expected_returns(SENSOR_M[None], who, [None])
+    np.testing.assert_array_equal(level.with_beams(down).expected_returns(SENSOR_M[None], who, [None]), own)
+    np.testing.assert_array_equal(level.expected_returns(SENSOR_M[None], who, [None]), before)
+    assert not np.array_equal(own, before)
