@@ -51,7 +51,7 @@ def space_of(agent: str, by_agent: Mapping[str, AgentSpace]) -> AgentSpace:
 class LaterSpaces:
     """Spaces of agents, each made when it is first asked for.
 
-    Most episodes of policies ask for none, and to make all took a sixth of a short one.
+    Most episodes of policies ask for none, and to make all took a twelfth of a short one.
     """
 
     def __init__(self, agents: Iterable[str], make: Callable[[str], spaces.Dict]) -> None:
