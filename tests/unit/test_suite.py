@@ -69,7 +69,7 @@ def test_a_test_that_computes_for_long_fails(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
 def test_processes_of_make_keep_what_python_compiles(tmp_path: Path) -> None:
-    (tmp_path / "told.mk").write_text("told:\n\t@echo \"[$$PYTHONDONTWRITEBYTECODE]\"\n")
+    (tmp_path / "told.mk").write_text('told:\n\t@echo "[$$PYTHONDONTWRITEBYTECODE]"\n')
     files = [flag for file in (TESTS.parent / "Makefile", tmp_path / "told.mk") for flag in ("-f", str(file))]
     env = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(["make", "-s", *files, "told"], env=env, capture_output=True, text=True, check=True)

@@ -135,7 +135,8 @@ def rate_difference(before: Floats, after: Floats) -> tuple[Interval, float] | N
     down, up = (rates[1] - low_1, high_0 - rates[0]), (high_1 - rates[1], rates[0] - low_0)
     low, high = (math.sqrt(max(a * a - 2 * shared * a * b + b * b, 0.0)) for a, b in (down, up))
     worse, better = int((yes[1] > yes[0]).sum()), int((yes[1] < yes[0]).sum())
-    return Interval(100 * change, 100 * (change - low), 100 * (change + high), count, is_rate=True), _fair(worse, better)
+    p_value = _fair(worse, better)
+    return Interval(100 * change, 100 * (change - low), 100 * (change + high), count, is_rate=True), p_value
 
 
 def _fair(worse: int, better: int) -> float:
