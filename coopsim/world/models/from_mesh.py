@@ -118,8 +118,10 @@ def _per_face(value: ArrayLike, count: int, what: str) -> Floats:
 
 def _own_colors(mesh: trimesh.Trimesh) -> NDArray[np.uint8]:
     """Return the colours (F, 3), or (0, 3) where the mesh has none by face or vertex."""
+    from trimesh.visual import ColorVisuals
+
     visual = mesh.visual
-    if visual.kind in ("face", "vertex"):  # and not by a texture
+    if isinstance(visual, ColorVisuals) and visual.kind in ("face", "vertex"):
         return np.asarray(visual.face_colors[:, :3], dtype=np.uint8)
     return np.zeros((0, 3), dtype=np.uint8)
 
