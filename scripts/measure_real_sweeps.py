@@ -78,13 +78,13 @@ class Tuning:
 
     def curve(self, frames: Sequence[Path], keep: Path) -> Iterator[dict[str, Any]]:
         """Yield a row for each number of frames and each start; finished ones are read from the folder `keep`."""
-        yield _row(SHIPPED, 0, dict.fromkeys(frames, self.detector), keep)
+        yield _row(SHIPPED, 0, dict.fromkeys(frames, with_weights(self.detector)), keep)
         for title in TRAININGS:
             for number in self.counts:
                 done = keep / f"{_file_name(title)}-{number}.json"
                 if not done.is_file():
                     made = {frame: self._weights(frames, frame, number, title, keep) for frame in frames}
-                    found = {frame: f"{self.detector}(weights={str(path)!r})" for frame, path in made.items()}
+                    found = {frame: with_weights(path) for frame, path in made.items()}
                     write_whole(done, json.dumps(_row(title, number, found, keep)))
                 yield json.loads(done.read_text())
 
@@ -108,6 +108,11 @@ def linked(frames: Sequence[Path], keep: Path) -> str:
         link.unlink(missing_ok=True)
         link.symlink_to(frame.resolve())
     return str(folder)
+
+
+def with_weights(weights: str | Path) -> str:
+    """Return the spec of the detector with these weights, by name or path."""
+    return f"pillars(weights={str(weights)!r})"
 
 
 def plan_of(folder: str | Path, detector: str, sequences: int = 1) -> DetectPlan:
@@ -184,7 +189,7 @@ def main() -> None:
     if missing := [str(frame) for frame in frames if not frame.is_file()]:
         parser.error(f"no file {', '.join(missing)}")
     pictures = options.page.with_suffix("") if options.page else options.keep / "pictures"
-    made = {"shipped": measure_shipped(frames, options.detector, options.keep, pictures)}
+    made = {"shipped": measure_shipped(frames, with_weights(options.detector), options.keep, pictures)}
     if options.curve:
         tuning = Tuning(options.detector, [int(each) for each in options.counts], options.steps, options.first_steps)
         made["curve"] = curve_table(tuning.curve(frames, options.keep))
