@@ -16,6 +16,9 @@ export PYTHONDONTWRITEBYTECODE :=
 WEIGHTS := pillars early fcooper attfuse where2comm pyramid gsaf gsaf64 attfuse64 where2comm64 disconet v2vnet cobevt v2x_vit v2x_vit64 lift_splat points_and_pictures point_identity picture_identity ff_tracking vic_integrated queries cooptrack univ2x dmstrack_seen dmstrack
 TRAIN_FLAGS ?=
 
+# Python keeps what it compiles, whatever the shell says: each of the many processes would compile all anew.
+export PYTHONDONTWRITEBYTECODE :=
+
 # Unit tests of the rooms that have compiled kernels.
 KERNEL_ROOMS := $(addprefix tests/unit/,bench/detect comms data detection envs fusion geometry metrics nn/detector \
 	sensors tracking types world)

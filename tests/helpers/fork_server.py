@@ -39,6 +39,8 @@ IMPORTED = ("coopsim.bench.engine.job", "coopsim.agents.boxes", "coopsim.envs.ve
             "coopsim.learn.samples.batches_ahead", "coopsim.learn.clips.simulated")  # fmt: skip
 _SUBREAPER, _FIRST_FREE = 36, 200
 
+_COMMAND = "import runpy; runpy.run_module('coopsim', run_name='__main__')"
+
 _anew = 0
 
 
@@ -84,6 +86,26 @@ def run_python(
         status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
         said = [file.seek(0) or file.read().decode() for file in (out, err)]
     return subprocess.CompletedProcess(arguments, status, *said)
+
+
+def start_command(*command: str, **options: Any) -> subprocess.Popen[str]:
+    """Start `coopsim` with arguments; the options are those of `subprocess.Popen`."""
+    start = subprocess.Popen if _anew else _ForkedCommand
+    return start([sys.executable, "-m", "coopsim", *command], text=True, **options)
+
+
+class _ForkedCommand(subprocess.Popen[str]):
+    """A process that was forked, with all of `subprocess.Popen`, for `python -m coopsim` with arguments."""
+
+    def _execute_child(self, args: Sequence[str], *told: Any) -> None:  # type: ignore[override]
+        """Start the process: the one step in which it differs. Of `told`, the folder and the pipes are needed."""
+        folder, pipes = told[4] or os.getcwd(), told[9:15]
+        theirs = (pipes[0], pipes[3], pipes[5])
+        files = [file if file >= 0 else usual for usual, file in enumerate(theirs)]
+        path = [place or os.getcwd() for place in sys.path]
+        self.pid = _server().fork((_COMMAND, args[3:], (), str(folder), dict(os.environ), path), files)
+        self._child_created = True
+        self._close_pipe_fds(*pipes)  # type: ignore[attr-defined]
 
 
 class Forked:
@@ -162,6 +184,7 @@ def serve() -> None:
     for module in IMPORTED:
         with suppress(ImportError):  # without torch
             importlib.import_module(module)
+    _warm_up()
     gc.freeze()
     while True:
         told, files, _, _ = socket.recv_fds(orders, 2**18, 64)
@@ -179,6 +202,13 @@ def serve() -> None:
         orders.send(os.read(outlet, 100))
         for fd in (*files, outlet, inlet):
             os.close(fd)
+
+
+def _warm_up() -> None:
+    """Have what the first frames of most runs load: parts, plug-ins' names, and compiled kernels, a second's worth."""
+    import coopsim  # here, because tests import this module before they measure what is imported
+
+    coopsim.evaluate("late_fusion", seed=0, max_cycles=3, vehicles=6, lidar="VLP-16", lidar_columns=64)
 
 
 def _become(

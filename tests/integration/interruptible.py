@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import signal
 import subprocess
-import sys
 from typing import Any
+
+from fork_server import start_command
 
 
 def interruptible(*command: str, **options: Any) -> subprocess.Popen[str]:
     """The command `coopsim ...` as a process."""
     ours = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        return subprocess.Popen([sys.executable, "-m", "coopsim", *command], text=True, **options)
+        return start_command(*command, **options)
     finally:
         signal.signal(signal.SIGINT, ours)

@@ -12,7 +12,7 @@ from coopsim import Defense, Reception, Trust
 
 pytest.importorskip("torch")
 
-SHORT: dict[str, Any] = {"seed": 1, "max_cycles": 3, "vehicles": 8, "lidar": "VLP-16", "lidar_columns": 256}
+SHORT: dict[str, Any] = {"seed": 1, "max_cycles": 2, "vehicles": 6, "lidar": "VLP-16", "lidar_columns": 256}
 
 
 class Believes(Defense):

@@ -35,7 +35,10 @@ from coopsim.episode import Recorder
 from coopsim.interfaces.planner import PLANNERS, PlannedCar, Planner
 
 SITUATION = "crossing_path"
-GRID = Grid(("no_fusion", "late_fusion"), scenarios=(SITUATION,), penetrations=(1, 0), seeds=(0, 1), frames=8)
+BLIND: dict[str, Any] = {"lidar": None}
+GRID = Grid(
+    ("no_fusion", "late_fusion"), scenarios=(SITUATION,), penetrations=(1, 0), seeds=(0, 1), frames=8, options=BLIND
+)
 
 
 class KeepsItsSpeed(Planner):

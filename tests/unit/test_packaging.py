@@ -78,7 +78,7 @@ def test_links_make_the_source_tree_look_installed() -> None:
         assert link.is_symlink() and link.readlink() == Path("..") / name
 
 
-HEAVY = ("torch", "safetensors", "moderngl", "pyrender", "OpenGL", "asn1tools")
+HEAVY = ("torch", "safetensors", "moderngl", "pyrender", "OpenGL", "asn1tools", "trimesh", "scipy.stats")
 SIMULATOR = ("coopsim.envs", "coopsim.world", "coopsim.detection", "highway_env", "pettingzoo", "embreex")
 
 
@@ -88,6 +88,7 @@ LIGHT = (
     "coopsim.cli",
     "coopsim.detection.network_detectors",
     "coopsim.comms.uplinks.share_features",
+    "coopsim.bench.benchmark",
     "coopsim.bench.detect.detect",
     "coopsim.bench.report.publish",
     "coopsim.learn.recipe",

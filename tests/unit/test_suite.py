@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import subprocess
 import sys
 from collections import Counter
@@ -63,6 +65,15 @@ def test_a_test_that_computes_for_long_fails(tmp_path: Path) -> None:
     told = subprocess.run(command, env=env, cwd=tmp_path, capture_output=True, text=True, check=False).stdout
     assert "1 failed, 4 passed" in told, told
     assert "test_long - Failed: took 0." in told and "may take 0." in told
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
+def test_processes_of_make_keep_what_python_compiles(tmp_path: Path) -> None:
+    (tmp_path / "told.mk").write_text('told:\n\t@echo "[$$PYTHONDONTWRITEBYTECODE]"\n')
+    files = [flag for file in (TESTS.parent / "Makefile", tmp_path / "told.mk") for flag in ("-f", str(file))]
+    env = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run(["make", "-s", *files, "told"], env=env, capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
 
 
 def test_the_limit_is_higher_on_a_slower_machine(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,6 +21,7 @@ from typing import Any
 
 from coopsim.bench.isolated.confine import close_memory, confine, other_user_reads
 from coopsim.bench.isolated.parcels import Pipe
+from coopsim.geometry import exact
 from coopsim.support.processes import cause_of_end, start_python
 from coopsim.support.threads import limit_threads
 
@@ -123,6 +124,7 @@ def serve() -> None:
     close_memory()
     for module in ("coopsim.bench.isolated.guest", "coopsim.agents.boxes", "coopsim.agents.networks"):
         importlib.import_module(module)
+    exact.sin(0.0)  # at a process's first call of any kernel numba reads all that it knows of types, for 0.2 s
     own_user = other_user_reads()
     gc.freeze()  # so that the processes share this memory
     orders = socket.socket(fileno=int(sys.argv[1]))

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import rankdata
 
 from coopsim.bench.films.crash_pairs import CRASH, policy_alone
 from coopsim.bench.grid.axis import Axis
@@ -220,6 +219,8 @@ def rank_correlation(table: ResultTable, metric: str, conditions: Sequence[int])
 
 def _spearman(a: Floats, b: Floats) -> Floats:
     """Return rank correlations (B,) of rows (B, P); NaN where all of a row are equal."""
+    from scipy.stats import rankdata  # here, because its import takes long
+
     first, second = (rankdata(rows, axis=1) for rows in (a, b))
     first, second = (each - each.mean(axis=1, keepdims=True) for each in (first, second))
     size = np.sqrt(np.square(first).sum(axis=1) * np.square(second).sum(axis=1))

@@ -126,23 +126,45 @@ def _scan_of(path: Path, _modified_ns: int, _size: int) -> Scan:
     return scan(path.read_text(encoding="utf-8"))
 
 
+_State = tuple[str, int, int]
+"""A file's path, and its time of change, ns, and bytes."""
+
+
+def current_package() -> Package:
+    """Return the sources of coopsim as they are now: the same object while no file has changed."""
+    return _package_of(FOLDER, tuple(_states(str(FOLDER))))
+
+
+def _states(folder: str) -> Iterator[_State]:
+    """Yield the states of the files of code and data in a folder, in order."""
+    with os.scandir(folder) as found:
+        entries = sorted(found, key=lambda each: each.name)
+    for entry in entries:
+        if entry.name.endswith(CODE_SUFFIXES):
+            state = entry.stat()
+            yield entry.path, state.st_mtime_ns, state.st_size
+        elif entry.name != "__pycache__" and entry.is_dir():
+            yield from _states(entry.path)
+
+
 class Package:
-    """The sources of coopsim as they are when it is made.
+    """The sources of coopsim, of these states of its files.
 
     Attributes:
         names: names of all its modules.
     """
 
-    def __init__(self) -> None:
-        self._folder = FOLDER
+    def __init__(self, folder: Path, states: Iterable[_State]) -> None:
+        self._folder = folder
         self._scans: dict[str, Scan] = {}
         self._data: list[Path] = []
-        for path in sorted(code_files(self._folder)):
-            if path.suffix == ".py":
-                state = path.stat()
-                self._scans[self._name(path)] = _scan_of(path, state.st_mtime_ns, state.st_size)
+        self._digests: dict[tuple[frozenset[str], bool], str] = {}
+        self._found: dict[tuple[frozenset[str], frozenset[str], bool], frozenset[str]] = {}
+        for path, modified_ns, size in states:
+            if path.endswith(".py"):
+                self._scans[self._name(Path(path))] = _scan_of(Path(path), modified_ns, size)
             else:
-                self._data.append(path)
+                self._data.append(Path(path))
         self._homes = {home for each in self._scans.values() for home in each.homes}
         self._parts = {name for name, each in self._scans.items() if each.registered}
         self._weights = {path.stem for path in self._data if path.suffix == ".safetensors"}
@@ -172,6 +194,12 @@ class Package:
             named: names of parts that the run uses, among others.
             networks: the run may have networks.
         """
+        asked = frozenset(roots), frozenset(named), networks
+        if asked not in self._found:
+            self._found[asked] = self._reached(*asked)
+        return self._found[asked]
+
+    def _reached(self, roots: frozenset[str], named: frozenset[str], networks: bool) -> frozenset[str]:
         used, loaded, waiting = set[str](), set[str](), [(root, True) for root in roots]
         while waiting:
             while waiting:
@@ -188,6 +216,12 @@ class Package:
 
     def digest(self, modules: Iterable[str], *, networks: bool = False) -> str:
         """Digest modules, and the files of data in their folders; weights where there are networks."""
+        asked = frozenset(modules), networks
+        if asked not in self._digests:
+            self._digests[asked] = self._digested(*asked)
+        return self._digests[asked]
+
+    def _digested(self, modules: frozenset[str], networks: bool) -> str:
         whole = hashlib.sha256()
         ordered = sorted(modules)
         for name in ordered:
@@ -234,3 +268,8 @@ class Package:
 def _above(module: str) -> list[str]:
     parts = module.split(".")
     return [".".join(parts[:k]) for k in range(1, len(parts))]
+
+
+@lru_cache(maxsize=1)
+def _package_of(folder: Path, states: tuple[_State, ...]) -> Package:
+    return Package(folder, states)

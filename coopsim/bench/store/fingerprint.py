@@ -17,7 +17,7 @@ from coopsim.bench.grid.axis import ATTACKS
 from coopsim.bench.grid.cell import Cell, scenario_options
 from coopsim.bench.grid.plain_options import plain_options
 from coopsim.bench.grid.policies import arithmetic_of, device_of_detector, has_network
-from coopsim.bench.store.closure import RUN, Package, scan
+from coopsim.bench.store.closure import RUN, Package, current_package, scan
 from coopsim.bench.store.metric_spec import MetricSpec
 from coopsim.bench.store.packages import (
     digest,
@@ -154,7 +154,7 @@ class Sources:
             texts: further code that it runs.
             networks: it has networks, whatever is said.
         """
-        package = self._package = self._package or Package()
+        package = self._package = self._package or current_package()
         scans = [scan(text) for text in texts]
         roots = package.names if modules is None else {*modules, *package.imported_by(scans)}
         named = package.named(_WORD.findall(" ".join([said, *texts])))

@@ -282,7 +282,7 @@ def _spread(maps: Tensor, kernels: Tensor) -> Tensor:
     # would be as large as the batch.
     spread = [
         functional.conv2d(each, kernel, padding=1, groups=len(kernel))
-        for each, kernel in zip(maps.split(1), kernels, strict=True)
+        for each, kernel in zip(torch.split(maps, 1), kernels, strict=True)
     ]
     return torch.cat(spread).permute(0, 2, 3, 1)
 

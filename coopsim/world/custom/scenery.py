@@ -7,7 +7,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import trimesh
 
 from coopsim.config.checked_entry import Entry
 from coopsim.geometry import exact
@@ -21,6 +20,7 @@ from coopsim.world.furniture.furnish import line_pieces, size_m
 from coopsim.world.furniture.kinds import KINDS, Kind
 from coopsim.world.places.description import MapBuilding, MapFurniture, MapTree, MapWall
 from coopsim.world.places.scenery import COLORS, PAINTS
+from coopsim.world.places.shapes import ball, cylinder
 from coopsim.world.relief.kerbs import divided
 from coopsim.world.relief.terrain import CELL_M, Terrain
 from coopsim.world.snapshot import StaticPart
@@ -219,14 +219,14 @@ def _part(
 
 @lru_cache(maxsize=1)
 def _cylinder() -> tuple[Floats, Ints]:
-    mesh = trimesh.creation.cylinder(0.5, height=1.0, sections=6)
-    return exact.settled(mesh.vertices), np.asarray(mesh.faces)
+    vertices, faces = cylinder(0.5, 1.0, sections=6)
+    return vertices - np.array([0.0, 0.0, 0.5]), faces
 
 
 @lru_cache(maxsize=1)
 def _ball() -> tuple[Floats, Ints]:
-    mesh = trimesh.creation.icosphere(subdivisions=1)
-    return exact.settled(mesh.vertices) / 2, np.asarray(mesh.faces)
+    vertices, faces = ball()
+    return vertices / 2, faces
 
 
 def require_kinds(entry: Entry) -> None:

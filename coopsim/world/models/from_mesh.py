@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -18,6 +18,9 @@ from coopsim.support.arrays import as_numbers, frozen, require_finite
 from coopsim.types import Ints
 from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.models.model import Model
+
+if TYPE_CHECKING:
+    import trimesh
 
 _FARTHEST = 1e9  # in the mesh's units: beyond, numbers are too coarse for a shape, and merging vertices overflows
 
@@ -73,6 +76,8 @@ def model_from_mesh(
 
 def _loaded(mesh: trimesh.Trimesh | str | Path, of: str) -> trimesh.Trimesh:
     """Return a checked copy, with vertices at the same place merged."""
+    import trimesh  # here, because it takes long, and few have meshes
+
     if isinstance(mesh, (str, Path)):
         mesh = _read(Path(mesh), of)
     if not isinstance(mesh, trimesh.Trimesh):
@@ -94,6 +99,8 @@ def _loaded(mesh: trimesh.Trimesh | str | Path, of: str) -> trimesh.Trimesh:
 def _read(path: Path, of: str) -> trimesh.Trimesh:
     if not path.is_file():
         raise InvalidValueError(f"the mesh {of}: there is no file {path}")
+    import trimesh
+
     try:
         return trimesh.load_mesh(path)
     except Exception as error:
@@ -111,8 +118,10 @@ def _per_face(value: ArrayLike, count: int, what: str) -> Floats:
 
 def _own_colors(mesh: trimesh.Trimesh) -> NDArray[np.uint8]:
     """Return the colours (F, 3), or (0, 3) where the mesh has none by face or vertex."""
+    from trimesh.visual import ColorVisuals
+
     visual = mesh.visual
-    if isinstance(visual, trimesh.visual.ColorVisuals) and visual.kind in ("face", "vertex"):
+    if isinstance(visual, ColorVisuals) and visual.kind in ("face", "vertex"):
         return np.asarray(visual.face_colors[:, :3], dtype=np.uint8)
     return np.zeros((0, 3), dtype=np.uint8)
 

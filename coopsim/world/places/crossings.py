@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import trimesh
 
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import SE3, Floats
@@ -19,6 +18,7 @@ from coopsim.types.taxonomy import ObjectClass
 from coopsim.world.places.layout import GROUND, LANE_M, Bay, Footways, Layout, flights_around, lane_outline, rectangle
 from coopsim.world.places.road_network import RoadNetwork
 from coopsim.world.places.scenery import Building, corner_buildings, lane_lines, row_of_buildings, town_map, town_parts
+from coopsim.world.places.shapes import cylinder
 from coopsim.world.places.streets import (
     APPROACH_SPEED_M_S,
     RSU_HEIGHT_M,
@@ -142,8 +142,7 @@ def _add_ring(network: RoadNetwork, arm: int) -> None:
 
 def _island() -> StaticPart:
     """Build a mound in the middle, too high to see people behind it from a car's bumper."""
-    mesh = trimesh.creation.cylinder(_ISLAND_M, segment=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, _ISLAND_HEIGHT_M]]))
-    return StaticPart("island", exact.settled(mesh.vertices), np.asarray(mesh.faces), GROUND, 0.3)
+    return StaticPart("island", *cylinder(_ISLAND_M, _ISLAND_HEIGHT_M), GROUND, 0.3)
 
 
 def town_layout(

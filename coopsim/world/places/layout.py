@@ -8,7 +8,6 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import trimesh
 
 from coopsim.geometry import exact
 from coopsim.geometry.se3 import SE3, Floats, SE3Batch
@@ -20,6 +19,7 @@ from coopsim.world.models.model import Model
 from coopsim.world.places.polyline import PolylineLane
 from coopsim.world.places.relief import Relief
 from coopsim.world.places.road_network import CircularLane, Lane, LaneIndex, Road, RoadNetwork
+from coopsim.world.places.shapes import box, cylinder
 from coopsim.world.places.signals import Signal
 from coopsim.world.snapshot import AgentBody, RoadMap, StaticPart
 
@@ -286,8 +286,7 @@ def box_part(
     name: str, low: tuple[float, float, float], high: tuple[float, float, float], color: tuple[int, int, int]
 ) -> StaticPart:
     """Build an upright block between two corners, m."""
-    mesh = trimesh.creation.box(bounds=(low, high))
-    return StaticPart(name, np.asarray(mesh.vertices), np.asarray(mesh.faces), color, 0.4, closed=True)
+    return StaticPart(name, *box(low, high), color, 0.4, closed=True)
 
 
 def flat_part(
@@ -311,8 +310,7 @@ def post_part(name: str, foot: Floats, height_m: float) -> StaticPart:
 
 @lru_cache(maxsize=16)
 def _post(height_m: float) -> tuple[Floats, Ints]:
-    mesh = trimesh.creation.cylinder(radius=0.1, segment=np.array([[0.0, 0.0, 0.0], [0.0, 0.0, height_m]]), sections=8)
-    return exact.settled(mesh.vertices), np.asarray(mesh.faces)
+    return cylinder(0.1, height_m, sections=8)
 
 
 def rectangle(x: tuple[float, float], y: tuple[float, float]) -> Floats:

@@ -18,7 +18,7 @@ import coopsim
 from coopsim.bench.engine.job import Job, Outcome
 from coopsim.bench.grid.cell import Cell, CellResult, Condition
 from coopsim.bench.store import closure
-from coopsim.bench.store.closure import RUN, Package, scan
+from coopsim.bench.store.closure import RUN, Package, current_package, scan
 from coopsim.bench.store.fingerprint import Sources
 from coopsim.catalog import PolicySpec
 
@@ -27,7 +27,7 @@ ROOT = Path(coopsim.__file__).parent
 
 @pytest.fixture(scope="module")
 def package() -> Package:
-    return Package()
+    return current_package()
 
 
 def counted(policy: str, **options: object) -> set[str]:
@@ -61,6 +61,15 @@ def copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def key(policy: str = "late_fusion") -> str:
     return Job.of(Cell(policy, Condition()), {}, PolicySpec.parse(policy)).key
+
+
+def test_sources_are_read_again_only_after_a_change(copy: Path) -> None:
+    before = current_package()
+    assert current_package() is before and before.imports([RUN]) is before.imports([RUN])
+    (copy / "world" / "world.py").write_bytes((copy / "world" / "world.py").read_bytes() + b"# a comment\n")
+    after = current_package()
+    assert after is not before and current_package() is after
+    assert after.digest(["coopsim.world.world"]) != before.digest(["coopsim.world.world"])
 
 
 def test_a_report_leaves_a_key_valid_and_what_a_run_imports_changes_it(copy: Path) -> None:
