@@ -7,10 +7,6 @@ DEMO_FLAGS ?=
 PIP_FLAGS ?=
 TEST_PROCESSES ?= 2
 
-# Some machines tell Python to keep no compiled modules: each of the hundreds of processes of the tests, the pages and
-# the examples would then compile all modules anew.
-export PYTHONDONTWRITEBYTECODE :=
-
 # In this order: all others begin with the encoder of the first, vic_integrated with ff_tracking, cooptrack and univ2x
 # with queries.
 WEIGHTS := pillars early fcooper attfuse where2comm pyramid gsaf gsaf64 attfuse64 where2comm64 disconet v2vnet cobevt v2x_vit v2x_vit64 lift_splat points_and_pictures point_identity picture_identity ff_tracking vic_integrated queries cooptrack univ2x dmstrack_seen dmstrack
