@@ -6,6 +6,8 @@ than to build a place.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -19,7 +21,7 @@ _BOX = "130 410 032 240 173 514 571 372 642 276 654 756"
 _ICOSAHEDRON = "0b5 051 017 07a 0ab 159 5b4 ba2 a76 718 394 342 326 368 389 495 24b 62a 867 981"
 """Corners of the triangles of an icosahedron, as hexadecimal digits."""
 
-_GOLDEN = (1.0 + 5.0**0.5) / 2.0
+_GOLDEN = (1.0 + math.sqrt(5.0)) / 2.0
 
 
 def box(low: ArrayLike, high: ArrayLike) -> tuple[Floats, Ints]:
@@ -34,7 +36,7 @@ def cylinder(radius_m: float, height_m: float, sections: int = 32) -> tuple[Floa
     angles_rad = np.linspace(0.0, 2.0 * np.pi, sections, endpoint=False)
     rings = np.zeros((1 + sections, 2, 3))  # the first has the middles of both ends
     rings[:, 1, 2] = height_m
-    rings[1:, :, :2] = radius_m * np.stack([np.cos(angles_rad), np.sin(angles_rad)], axis=1)[:, None]
+    rings[1:, :, :2] = radius_m * np.stack([exact.cos(angles_rad), exact.sin(angles_rad)], axis=1)[:, None]
     order = np.array([0, 2, 3, 1, *range(4, 2 + 2 * sections)])
     low = np.array([1, *range(4, 2 + 2 * sections, 2)])
     high, after = low + 1, np.roll(low, -1)
