@@ -147,8 +147,8 @@ def load_detector_of(name_or_path: str | Path, named: str | None = None) -> Dete
     path = find_weights(name_or_path)
     found = read_texts(path).get("detector", "pillars")
     beside = path.with_name(Path(found).name.removesuffix(SUFFIX) + SUFFIX)
-    for each in (beside, Path(found)):
-        if path.parent != _SHIPPED and each.suffix == SUFFIX and each.exists():
+    for each in () if path.parent == _SHIPPED else (beside, Path(found)):
+        if each.suffix == SUFFIX and each.exists():
             return load_detector(each)
     if found not in shipped_weights():
         raise InvalidValueError(

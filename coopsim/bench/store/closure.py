@@ -100,9 +100,7 @@ def _lazy_in(text: str) -> dict[str, str]:
 
 def code_files(folder: Path) -> Iterator[Path]:
     """Yield the files of code and data in a folder, in order."""
-    for inner, folders, names in os.walk(folder, followlinks=True):
-        folders.sort()
-        yield from (Path(inner, name) for name in sorted(names) if name.endswith(CODE_SUFFIXES))
+    return (Path(path) for path, *_ in _states(str(folder)))
 
 
 def digest_of_file(path: Path) -> str:
@@ -132,19 +130,30 @@ _State = tuple[str, int, int]
 
 def current_package() -> Package:
     """Return the sources of coopsim as they are now: the same object while no file has changed."""
-    return _package_of(FOLDER, tuple(_states(str(FOLDER))))
+    states = sorted(_states(str(FOLDER)), key=lambda state: state[0].split(os.sep))
+    return _package_of(FOLDER, tuple(states))
 
 
 def _states(folder: str) -> Iterator[_State]:
-    """Yield the states of the files of code and data in a folder, in order."""
-    with os.scandir(folder) as found:
-        entries = sorted(found, key=lambda each: each.name)
+    """Yield the states of the files of code and data in a folder, by name, and then those of the folders in it.
+
+    A walk that reads states with names takes a fifth of the time of one that asks for each. As in `os.walk`, folders
+    that cannot be read have no files.
+    """
+    try:
+        with os.scandir(folder) as found:
+            entries = sorted(found, key=lambda each: each.name)
+    except OSError:
+        return
+    folders = []
     for entry in entries:
         if entry.name.endswith(CODE_SUFFIXES):
             state = entry.stat()
             yield entry.path, state.st_mtime_ns, state.st_size
         elif entry.name != "__pycache__" and entry.is_dir():
-            yield from _states(entry.path)
+            folders.append(entry.path)
+    for inner in folders:
+        yield from _states(inner)
 
 
 class Package:
