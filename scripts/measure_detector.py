@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measure_real_sweeps import PROTOCOL, WITHIN_M, linked, plan_of
+from measure_real_sweeps import PROTOCOL, WITHIN_M, linked, plan_of, with_weights
 from tabulate import tabulate
 
 from coopsim.bench.detect.detect import measure_detection, metrics_of
@@ -161,7 +161,7 @@ def rows_of(weights: Sequence[str], clips: Sequence[Clip], options: argparse.Nam
             different = {} if each is found[0] else beside(each[place], found[0][place])
             yield {"weights": Path(name).stem, "place": place, **values_of(each[place]), **different}
     for name in weights:
-        detector, about = f"pillars(weights={name!r})", {"weights": Path(name).stem}
+        detector, about = with_weights(name), {"weights": Path(name).stem}
         if options.frames:
             folder = linked([options.real / f"{each}.npz" for each in options.frames], options.keep)
             plan = plan_of(folder, detector, len(open_folder(folder).sequences))
