@@ -42,7 +42,7 @@ def main() -> None:
             less = PolicySpec.parse(given.less).text
             others, second = [less] * len(policies), second[:, [others.index(less)] * len(policies)]
     except (KeyError, ValueError) as error:
-        parser.error(f"no such metric or policy, or files of different policies: {error}")
+        parser.error(f"no such metric or policy, or not alike: {error}")
     if len(policies) != len(others):
         parser.error(f"without --less, both must have as many policies, got {len(policies)} and {len(others)}")
     rows = [
@@ -55,8 +55,11 @@ def main() -> None:
 def measured(paths: list[Path], metrics: tuple[str, ...]) -> tuple[list[str], Floats]:
     """Return the policies' names, and their values (places, policies, metrics), NaN where there is none."""
     tables = [json.loads(path.read_text(encoding="utf-8")) for path in paths]
-    values = [[[row[metric] for metric in metrics] for row in rows] for rows in tables]
-    return [row["policy"] for row in tables[0]], np.array(values, float)
+    policies = [row["policy"] for row in tables[0]]
+    for path, rows in zip(paths, tables, strict=True):
+        if [row["policy"] for row in rows] != policies:
+            raise ValueError(f"{path} has other policies than {paths[0]}")
+    return policies, np.array([[[row[metric] for metric in metrics] for row in rows] for rows in tables], float)
 
 
 def cell(first: Floats, second: Floats) -> str:
