@@ -7,9 +7,9 @@ DEMO_FLAGS ?=
 PIP_FLAGS ?=
 TEST_PROCESSES ?= 2
 
-# In this order: all others begin with the encoder of the first, vic_integrated with ff_tracking, cooptrack and univ2x
-# with queries.
-WEIGHTS := pillars early fcooper attfuse where2comm pyramid gsaf gsaf64 attfuse64 where2comm64 disconet v2vnet cobevt v2x_vit v2x_vit64 lift_splat points_and_pictures point_identity picture_identity ff_tracking vic_integrated queries cooptrack univ2x dmstrack_seen dmstrack
+# In this order: all others begin with the encoder of the first, or those that end in 2 with pillars2, vic_integrated with
+# ff_tracking, cooptrack and univ2x with queries.
+WEIGHTS := pillars early fcooper attfuse where2comm pyramid gsaf gsaf64 attfuse64 where2comm64 disconet v2vnet cobevt v2x_vit v2x_vit64 lift_splat points_and_pictures point_identity picture_identity ff_tracking vic_integrated queries cooptrack univ2x early2 attfuse2 gsaf2 where2comm2 queries2 cooptrack2 dmstrack_seen dmstrack
 TRAIN_FLAGS ?=
 
 # Python keeps what it compiles, whatever the shell says: each of the many processes would compile all anew.
