@@ -65,11 +65,14 @@ def measured(paths: list[Path], metrics: tuple[str, ...]) -> tuple[list[str], Fl
 def cell(first: Floats, second: Floats) -> str:
     """Return means and the paired difference of values (P,), of the places that have both."""
     both = ~np.isnan(first) & ~np.isnan(second)
-    if both.sum() < 2:
-        return "-"
-    less = mean_interval((first - second)[both])
-    low, high = less.mean - less.half_width, less.mean + less.half_width
-    return f"{second[both].mean():.3f} -> {first[both].mean():.3f}: {less.mean:+.3f} ({low:+.3f} to {high:+.3f})"
+    less = difference(first - second)
+    return less if less == "-" else f"{second[both].mean():.3f} -> {first[both].mean():.3f}: {less}"
+
+
+def difference(values: Floats) -> str:
+    """Return the mean of paired differences (N,) with its 95 % interval, as text; "-" for fewer than two known."""
+    found = mean_interval(values)
+    return f"{found.mean:+.3f} ({found.low:+.3f} to {found.high:+.3f})" if found.count > 1 else "-"
 
 
 if __name__ == "__main__":

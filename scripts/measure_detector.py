@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from compare_places import difference
 from measure_real_sweeps import PROTOCOL, WITHIN_M, linked, plan_of, with_weights
 from tabulate import tabulate
 
@@ -30,7 +31,6 @@ from coopsim.bench.detect.perceived import Perceived
 from coopsim.bench.detect.protocols import PROTOCOLS, VEHICLES, among
 from coopsim.bench.detect.ranking import SURE, Overlaps, Ranking
 from coopsim.bench.engine.engine import Engine
-from coopsim.bench.results.statistics import mean_interval
 from coopsim.cli.argument_types import names
 from coopsim.cli.arguments import add_options, named_options
 from coopsim.errors import CoopsimError
@@ -140,9 +140,7 @@ def beside(mine: Sequence[Measured], first: Sequence[Measured]) -> dict[str, str
     shown = {}
     for name in PAIRED:
         pairs = [(one.values()[name], other.values()[name]) for one, other in zip(mine, first, strict=True)]
-        found = mean_interval(np.array([one - other for one, other in pairs]))
-        known = f"{found.mean:+.3f} ({found.low:+.3f} to {found.high:+.3f})"
-        shown[f"{name} - first"] = known if found.count > 1 else "-"
+        shown[f"{name} - first"] = difference(np.array([one - other for one, other in pairs]))
     return shown
 
 
